@@ -151,8 +151,11 @@ def report(
 
         recording, length_s = playback.find_recording(directory), SECONDS if seconds is None else seconds
         check_film(film, length_s)
-        with ERR.status(f"drawing {film.name}"):
-            render(recording, film, length_s)
+        try:
+            with ERR.status(f"drawing {film.name}"):
+                render(recording, film, length_s)
+        except KeyboardInterrupt as interrupt:
+            raise console.interrupted(interrupt, "interrupted: the film is not written") from None
         written.append(film)
     if screenshots is not None:
         with ERR.status("opening the viewer without a window"):

@@ -11,28 +11,25 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
-from edmsim.metrology.profile import PROFILE_STEP_MM
+from edmsim.metrology.profile import FARTHEST_WALL_MM, PROFILE_STEP_MM
 from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
-from edmsim.recording.scene import Scene, grid_triangles
+from edmsim.recording.scene import ErrorMap, Scene, grid_triangles
 
 # The part's cut face as a mesh (STL or glTF). Its points are found slice by slice.
-
-
-FARTHEST_MM = 0.15  # greatest distance of a wall from its edge as drawn (ours: half a kerf)
 
 
 class Face(NamedTuple):
     """The cut face along one contour, from the workpiece's lower face to the upper one."""
 
-    # (rows, n, 3): rows from below: the lower face, the middle of every slice, the upper face. NaN if nothing was
-    # cut there.
+    # (rows, n, 3): rows from below: the lower face, the middle of every slice, the upper face. NaN if no wall was
+    # measured there.
     points_mm: Floats
     error_um: Floats  # (rows, n): distance from the wall as drawn, in the plane of the row: positive is metal left
     part_side: str  # side of the part, looking along the edge: left or right
 
     def at(self, height_mm: float) -> list[Floats]:
-        """Return the lines (n, 2) of the face at a height, without the places that were not cut."""
+        """Return the lines (n, 2) of the face at a height, without the places that were not measured."""
         heights = np.nanmean(self.points_mm[:, :, 2], axis=1)
         k = min(max(int(np.searchsorted(heights, height_mm)) - 1, 0), len(heights) - 2)
         share = (height_mm - heights[k]) / (heights[k + 1] - heights[k])
@@ -66,13 +63,15 @@ def cut_faces(scene: Scene) -> list[Face]:
             continue
         walls = scene.walls_mm[number] if scene.walls_mm else (edge.nominal_mm, edge.nominal_mm)
         shares = _stations(walls)
+        measured = _measured(edge, _on(walls, shares, 0.5), count)
         rows, errors = [], []
-        for height, (points, tree) in zip(heights, trees, strict=True):
+        for height, known, (points, tree) in zip(heights, measured, trees, strict=True):
             nominal = _on(walls, shares, height / scene.height_mm)
             wall = np.full((len(nominal), 3), np.nan)
             if tree is not None:
                 away, nearest = (np.asarray(of) for of in tree.query(nominal))
-                wall[away <= FARTHEST_MM, :2] = points[nearest[away <= FARTHEST_MM]]
+                near = known & (away <= FARTHEST_WALL_MM)
+                wall[near, :2] = points[nearest[near]]
             wall[:, 2] = height
             rows.append(wall)
             errors.append(_signed_um(wall[:, :2], nominal, edge.part_side))
@@ -87,6 +86,16 @@ def cut_faces(scene: Scene) -> list[Face]:
 def is_whole(line: Floats, scene: Scene) -> bool:
     """Return whether a closed edge is larger than a speck."""
     return abs(signed_area(line)) >= scene.speck_mm2
+
+
+def _measured(edge: ErrorMap, places_mm: Floats, slices: int) -> NDArray[np.bool_]:
+    """Return whether the profile error is known (slices, n) at places (n, 2) of an edge at mid height."""
+    # elsewhere the nearest edge of the kerf may be its front, or its end at a step of the workpiece
+    from scipy.spatial import cKDTree
+
+    error_um = edge.error_um if edge.face_um is None else edge.face_um
+    nearest = cKDTree(edge.points_mm).query(places_mm)[1]
+    return np.broadcast_to(np.isfinite(error_um[..., nearest]), (slices, len(places_mm)))
 
 
 def _stations(walls: tuple[Floats, ...]) -> Floats:
@@ -146,7 +155,7 @@ def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
         rows, n = face.error_um.shape
         made = grid_triangles(rows, n)
         flat = face.points_mm.reshape(-1, 3)
-        known = np.asarray(np.isfinite(flat).all(axis=1))  # no triangles at places that were not cut
+        known = np.asarray(np.isfinite(flat).all(axis=1))  # no triangles at places that were not measured
         if face.part_side == "right":
             made = made[:, ::-1]
         triangles.append(count + made[known[made].all(axis=1)])
@@ -174,7 +183,7 @@ def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None
     if height_mm is None:
         layers = {
             "CUT": [line for line in scene.middle_edges_mm() if is_whole(line, scene)],
-            "NOMINAL": [edge.nominal_mm for edge in scene.maps],
+            "NOMINAL": scene.as_drawn_mm(scene.middle_mm()),
         }
     else:
         layers = _at_height(scene, height_mm, target)
@@ -188,11 +197,9 @@ def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[F
         raise InputError(
             f"there is no contour {height_mm:g} mm high: the workpiece has 0 to {scene.height_mm:g} mm", target
         )
-    share = height_mm / scene.height_mm
-    walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]
     return {
         "CUT": [line for face in cut_faces(scene) for line in face.at(height_mm)],
-        "NOMINAL": walls or [edge.nominal_mm for edge in scene.maps],
+        "NOMINAL": scene.as_drawn_mm(height_mm),
     }
 
 

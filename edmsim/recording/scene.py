@@ -133,9 +133,16 @@ class Scene:
         share = (heights_mm[None, :] - low) / (high - low)
         return np.stack([share * u, share * v], axis=2)
 
-    def axis_um(self, guides_um: Floats, path_um: Floats) -> Floats:
-        """Return the guides' axis at mid height in um (n, 2), from places of the lower guide and lengths of path."""
-        return np.asarray(guides_um + 1e3 * self.lead_mm(path_um, np.array([0.5 * self.height_mm]))[:, 0])
+    def axis_um(self, guides_um: Floats, path_um: Floats, height_mm: float | None = None) -> Floats:
+        """Return the guides' axis in um (n, 2), by default at mid height, from lower guide and lengths of path."""
+        at_mm = 0.5 * self.height_mm if height_mm is None else height_mm
+        return np.asarray(guides_um + 1e3 * self.lead_mm(path_um, np.array([at_mm]))[:, 0])
+
+    def as_drawn_mm(self, height_mm: float) -> list[Floats]:
+        """Return the contours' edges as drawn at a height."""
+        share = height_mm / self.height_mm
+        walls = [(1 - share) * below + share * above for below, above in self.walls_mm]
+        return walls or [edge.nominal_mm for edge in self.maps]
 
     @property
     def speck_mm2(self) -> float:
@@ -210,6 +217,10 @@ class Scene:
     def middle_mm(self) -> float:
         """Return the height in mm of the middle of the `middle_slice` over the workpiece's bottom."""
         return (self.middle_slice() + 0.5) * self.height_mm / max(len(self.cut_edges_mm), 1)
+
+    def middle_text(self) -> str:
+        """Return in words how high the `middle_slice` is."""
+        return f"{self.middle_mm():.3g} mm high" if self.terraces else "mid height"
 
     def known_errors(self) -> Floats:
         """Return the profile errors of all contours in um within the wire's reach."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from edmsim.errors import InputError
-from edmsim.files import check_suffix, make_writable, replacing
+from edmsim.files import check_suffix, locked_file, make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
 from edmsim.recording.figures.style import in_style, shrink_to
@@ -26,6 +27,7 @@ from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.logs import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.windows import broken, pause_rows
+from edmsim.signals import noted
 
 SIZE_INCH = (12.8, 7.2)
 GROUND = "#161d24"
@@ -131,20 +133,30 @@ class Film:
         middle_s = self._pauses_s.mean(axis=1)
         begins = np.searchsorted(done.t_s, middle_s)
         self._wire_path = (np.insert(done.t_s, begins, middle_s), broken(ends_mm, begins))
-        heights_mm, up = (self._play.points(_WORKPIECE, f"Mesh3D:vertex_{name}", 0.0)[:, 2] for name in _VERTICES)
-        self._tops_mm = np.unique(heights_mm[up > _FACES_UP])
+        uncut = self._upper_faces(0.0)
+        z_mm = uncut[:, 0, 2]
+        self._above = {  # by height of an upper face before the cut, the area where the workpiece is higher
+            z: shapely.union_all(shapely.polygons(uncut[z_mm > z, :, :2])) for z in np.unique(z_mm).tolist()
+        }
 
     def _set_part(self, t_s: float) -> None:
-        corners, normals = (self._play.points(_WORKPIECE, f"Mesh3D:vertex_{name}", t_s) for name in _VERTICES)
-        faces = self._play.points(_WORKPIECE, "Mesh3D:triangle_indices", t_s)
-        if len(faces):
-            # if the wire leans, every layer has an upper face, and most of these are inside the workpiece
-            on_top = (normals[:, 2] > _FACES_UP) & np.isin(corners[:, 2], self._tops_mm)
-            self._metal.set_verts(corners[faces[on_top[faces[:, 0]]]][:, :, :2])
+        # if the wire leans, every layer has an upper face, and most of these are inside the workpiece
+        shown = [np.zeros((0, 3, 3))]
+        faces = self._upper_faces(t_s)
+        for z, above in self._above.items():
+            level = faces[faces[:, 0, 2] == z]
+            shown.append(level[~shapely.contains_xy(above, level.mean(axis=1)[:, :2])])
+        self._metal.set_verts(np.concatenate(shown)[:, :, :2])
         at = int(np.searchsorted(self._wire_path[0], t_s, side="right"))
         done = self._wire_path[1][:at]
         self._done.set_data(*_thinned(done).T)
         self._wire.set_data(*done[np.isfinite(done[:, 0])][-1:].T)
+
+    def _upper_faces(self, t_s: float) -> Floats:
+        """Return the triangles (n, 3, 3) of the workpiece whose normals point upwards, in mm."""
+        corners, normals = (self._play.points(_WORKPIECE, f"Mesh3D:vertex_{name}", t_s) for name in _VERTICES)
+        faces = self._play.points(_WORKPIECE, "Mesh3D:triangle_indices", t_s)
+        return np.asarray(corners[faces[normals[faces[:, 0], 2] > _FACES_UP]], np.float64)
 
     # --- the gap -------------------------------------------------------------------------------------------
 
@@ -269,7 +281,8 @@ def render(recording: str | Path, out: str | Path, seconds: float = SECONDS) -> 
         raise InputError("the recording holds no window, there is nothing to show", recording)
     film = Film(play, DPI[kind])
     times = np.linspace(0.0, play.end_s, max(2, round(seconds * FRAMES_PER_S[kind])))
-    with replacing(target) as partial:
+    with locked_file(target, "edmsim report"), noted() as interrupts, replacing(target) as partial:
+        interrupts.at_once()  # because a command ended by SIGTERM would leave the part of the film and its lock
         (_write_mp4 if kind == MP4 else _write_gif)(partial, (film.picture(t) for t in times), film.size)
 
 

@@ -3,13 +3,14 @@
 import csv
 import dataclasses
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from edmsim.errors import InputError
 from edmsim.recording.exports import cut_faces, write_contour, write_faces
-from edmsim.recording.scene import ErrorMap, Scene
+from edmsim.recording.scene import ErrorMap, Scene, Terrace
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -110,6 +111,37 @@ def test_no_contour_runs_through_what_was_not_cut(scene, tmp_path):
     for number in {row["line"] for row in cut}:
         line = [(float(row["x_mm"]), float(row["y_mm"])) for row in cut if row["line"] == number]
         assert np.hypot(*np.diff(line, axis=0).T).max() < 0.2
+
+
+def test_a_face_is_where_the_profile_error_is_known_and_nowhere_else(scene):
+    dense = np.concatenate([np.linspace(a, b, 200, endpoint=False) for a, b in pairwise(scene.maps[0].nominal_mm)])
+    known_um = np.full((SLICES, len(dense)), LEFT_UM)
+    known_um[0, :400], known_um[1, 400:] = np.nan, np.nan  # as behind the front of a cut, or next to a step
+    mean_um = np.full(len(dense), LEFT_UM)
+    edge = dataclasses.replace(scene.maps[0], points_mm=dense, error_um=mean_um, face_um=known_um)
+    (face,) = cut_faces(dataclasses.replace(scene, maps=(edge,)))
+    shares = np.isfinite(face.error_um[1:-1]).mean(axis=1)
+    np.testing.assert_allclose(shares, (0.5, 0.5, 1.0, 1.0, 1.0), atol=0.01)
+
+
+def test_a_wall_far_from_its_edge_has_a_face(scene):
+    left_mm = 0.24  # as with an offset that is too large
+    halves = SIDE_MM / 2 - LEAN_MM * (np.arange(SLICES) + 0.5) / SLICES + left_mm
+    far = dataclasses.replace(scene, cut_edges_mm=tuple((square(half), square(half + 0.34)) for half in halves))
+    (face,) = cut_faces(far)
+    np.testing.assert_allclose(np.median(face.error_um, axis=1), 1e3 * left_mm, atol=0.1)
+
+
+def test_the_kerf_of_a_stepped_workpiece_is_next_to_the_edge_of_its_height(scene, tmp_path):
+    low = Terrace((square(4.0),), 0.4 * HEIGHT_MM)  # its middle slice is the second from below, at 1.5 mm
+    write_contour(dataclasses.replace(scene, terraces=(low,)), tmp_path / "kerf.csv")
+    rows = list(csv.DictReader((tmp_path / "kerf.csv").read_text(encoding="utf-8").splitlines()))
+    cut, drawn = (
+        max(float(row["x_mm"]) for row in rows if (row["layer"], row["line"]) == (layer, "1"))
+        for layer in ("CUT", "NOMINAL")
+    )
+    assert drawn == pytest.approx(SIDE_MM / 2 - LEAN_MM * 0.3, abs=1e-5)
+    assert cut - drawn == pytest.approx(LEFT_UM * 1e-3, abs=1e-5)
 
 
 def test_what_cannot_be_written_is_one_line(scene, tmp_path):

@@ -29,6 +29,7 @@ from edmsim.recording.figures.cut import (
 )
 from edmsim.recording.figures.style import WIDTH_IN, write_figure
 from edmsim.recording.report import HeightError, KerfSlice, PassFigures, Report, Wall
+from edmsim.recording.scene import Terrace
 from edmsim.recording.windows import WindowTable, column
 
 from .conftest import LEAD, NOTHING, changed, texts
@@ -128,6 +129,25 @@ def test_the_corner_shows_the_wire_behind_its_guides(cut):
     leaning = corner_figure(scene, changed(cut.windows, x_um=column(cut.windows, "x_um") - 2000.0), 1)
     np.testing.assert_allclose(line(leaning, "guides"), guides, atol=1e-9)
     np.testing.assert_allclose(line(leaning, "wire"), wire, atol=1e-9)
+
+
+def test_a_corner_of_a_leaning_wall_is_drawn_at_the_height_of_its_metal(cut):
+    upright = corner_figure(cut.scene, cut.windows, 1)
+    stepped = dataclasses.replace(cut.scene, lead=LEAD, terraces=(Terrace(cut.scene.middle_edges_mm(), 8.0),))
+    height_mm = stepped.middle_mm()
+    assert height_mm < 8.0
+    (edge,), slice_index = stepped.maps, stepped.middle_slice()
+    lean = np.array([0.1, 0.0])
+    metal = tuple(line + lean * (height_mm - 10.0) for line in cut.scene.middle_edges_mm())
+    leaning = dataclasses.replace(
+        stepped, walls_mm=((edge.nominal_mm - 10.0 * lean, edge.nominal_mm + 10.0 * lean),),
+        cut_edges_mm=(*stepped.cut_edges_mm[:slice_index], metal, *stepped.cut_edges_mm[slice_index + 1 :]),
+    )
+    figure = corner_figure(leaning, changed(cut.windows, x_um=column(cut.windows, "x_um") - 2000.0), 1)
+    for name in ("guides", "wire", "nominal edge"):
+        np.testing.assert_allclose(line(figure, name), line(upright, name), atol=1e-9)
+    here = f"metal edge, {height_mm:.3g} mm high"
+    np.testing.assert_allclose(line(figure, here), line(upright, "metal edge, mid height"), atol=1e-9)
 
 
 def test_the_kerf_is_drawn_from_wire_to_wall(cut):

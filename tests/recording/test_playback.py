@@ -12,15 +12,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun as rr
+import shapely
 from PIL import Image
 from rerun.chunk import RrdReader
 
 from edmsim.errors import InputError
+from edmsim.files import locked_file
 from edmsim.recording.report import PassFigures
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import take_screenshots
+from edmsim.recording.scene import Terrace, polylines
 from edmsim.recording.video import Film, render
+from edmsim.recording.windows import column
+
+from .conftest import LEAD, changed
 
 
 @pytest.fixture
@@ -216,6 +222,40 @@ def test_pictures_show_the_kerf_grow_and_are_the_same_again(play):
 def test_what_is_no_film_is_refused(recording, tmp_path, name, seconds, message):
     with pytest.raises(InputError, match=message):
         render(recording, tmp_path / name, seconds)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_films_are_not_drawn_into_one_file(recording, tmp_path):
+    film = tmp_path / "cut.gif"
+    with locked_file(film, "edmsim report"), pytest.raises(InputError, match="another edmsim report is at work on"):
+        render(recording, film, 0.5)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_kerf_in_the_upper_face_is_not_covered_by_layers_below(cut, record, tmp_path):
+    box = shapely.box(15.0, 15.0, 17.0, 31.0)  # as high as a layer of the solid: a slice of nine
+    faces = (box, 4 * 20.0 / 9), (shapely.box(*cut.scene.stock_mm).difference(box), 20.0)
+    led_mm = [(0.1 * ((k + 0.5) * 20.0 / 9 - 10.0), 0.0) for k in range(9)]
+    edges = zip(led_mm, cut.scene.cut_edges_mm, strict=True)
+    scene = dataclasses.replace(
+        cut.scene, lead=LEAD, terraces=tuple(Terrace(polylines(face), height) for face, height in faces),
+        cut_edges_mm=tuple(tuple(line + by for line in lines) for by, lines in edges),
+    )
+    rows = cut.windows.take(np.arange(0, len(cut.windows), 30))
+    play = Playback(record(
+        tmp_path / "cut.rrd", scene=scene, windows=changed(rows, x_um=column(rows, "x_um") - 2000.0)
+    ))  # fmt: skip
+    film = Film(play, 60)
+    film.picture(play.end_s)
+    metal = shapely.union_all([shapely.Polygon(path.vertices) for path in film._metal.get_paths()])
+    assert not metal.contains(shapely.Point(30.155 + led_mm[-1][0], 23.0))  # on the path, at the upper face
+    assert metal.contains(shapely.Point(16.0, 23.0))  # the lower face is drawn
+
+
+def test_a_film_ended_by_a_signal_leaves_nothing_behind(recording, tmp_path, monkeypatch):
+    monkeypatch.setattr(Film, "picture", lambda *of: os.kill(os.getpid(), signal.SIGTERM))
+    with pytest.raises(KeyboardInterrupt):
+        render(recording, tmp_path / "cut.gif", 0.5)
     assert list(tmp_path.iterdir()) == []
 
 

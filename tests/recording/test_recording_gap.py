@@ -11,6 +11,7 @@ from edmsim.plant.kernel.state import OPEN
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.logs import AGES, SCOPE_PULSES, discharges, faded
 from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.scene import Terrace
 from edmsim.recording.video import Film
 from edmsim.recording.windows import traces
 
@@ -83,6 +84,22 @@ def test_rays_end_on_the_wall(cut, play):
     np.testing.assert_allclose(np.hypot(*(rays[:, 0] - wire).T), 125.0, atol=1e-3)
     np.testing.assert_allclose(np.hypot(*(rays[:, 1] - wire).T), 140.0, atol=1e-3)
     assert len(play.strips("/top/metal", "LineStrips2D:strips", float(table["t_s"][0]))) == 15
+
+
+def test_a_leaning_wire_is_on_its_guides_axis_at_the_height_of_the_wall(cut, record, play, tmp_path):
+    table = cut.closeups.table()[:30].copy()
+    scene = replace(cut.scene, lead=LEAD, terraces=(Terrace(cut.scene.middle_edges_mm(), 8.0),))
+    led_mm, away_mm, (edge,) = 0.1 * (scene.middle_mm() + 10.0), np.array([2.0, 0.0]), scene.maps
+    table["wire_um"][:, 0] += 1e3 * led_mm
+    leaning = Playback(record(
+        tmp_path / "cut.rrd", scene=replace(scene, walls_mm=((edge.nominal_mm, edge.nominal_mm + away_mm),)),
+        windows=cut.windows.slice(0, 30), closeups=SimpleNamespace(table=lambda: table, stride=1),
+    ))  # fmt: skip
+    t_s = float(table["t_s"][0])
+    places = [of.points("/top/wire", "Points2D:positions", t_s) for of in (leaning, play)]
+    np.testing.assert_allclose(*places, atol=1e-3)
+    drawn, upright = (of.strips("/top/part/nominal", "LineStrips2D:strips", t_s)[0] for of in (leaning, play))
+    np.testing.assert_allclose(drawn - upright, [[1e2 * scene.middle_mm(), 0.0]] * len(drawn), atol=0.01)
 
 
 @pytest.mark.slow

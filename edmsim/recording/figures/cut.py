@@ -119,7 +119,7 @@ def error_figure(scene: Scene) -> Figure:
 def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) -> Figure:
     """Draw one corner: above, metal and paths to scale; below, the deviations along the corner.
 
-    The wire's path is drawn at mid height, averaged over windows.
+    The wire's path is drawn at the height of the metal, averaged over windows.
 
     Parameters
     ----------
@@ -160,7 +160,10 @@ def _chosen_corner(scene: Scene, windows: pa.Table, corner: int | None) -> Corne
 
 
 def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) -> None:
-    reach = 1000 * CORNER_REACH_MM
+    reach, height_mm = 1000 * CORNER_REACH_MM, scene.middle_mm()
+    drawn_mm = scene.as_drawn_mm(height_mm)
+    at_mid = np.concatenate([edge.nominal_mm for edge in scene.maps])  # the corner's place is known at mid height
+    place_mm = np.concatenate(drawn_mm)[np.hypot(*(at_mid - place_mm).T).argmin()]
     style.dress(axes, "X from the corner, µm", "Y from the corner, µm")
     axes.grid(visible=False)
     axes.set_facecolor(palette.METAL)
@@ -170,15 +173,15 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
     for number, line in enumerate(scene.middle_edges_mm()):
         axes.plot(
             *(1000 * (line - place_mm)).T, color="#3d4852", linewidth=0.8, zorder=3,
-            label="metal edge, mid height" if number == 0 else None,
+            label=f"metal edge, {scene.middle_text()}" if number == 0 else None,
         )  # fmt: skip
-    for number, edge in enumerate(scene.maps):
+    for number, line in enumerate(drawn_mm):
         axes.plot(
-            *(1000 * (edge.nominal_mm - place_mm)).T, color=palette.INK, linewidth=0.8, linestyle=(0, (5, 3)),
+            *(1000 * (line - place_mm)).T, color=palette.INK, linewidth=0.8, linestyle=(0, (5, 3)),
             zorder=4, label="nominal edge" if number == 0 else None,
         )  # fmt: skip
     following = columns(windows, "following_x_um", "following_y_um")
-    guides = _axis_um(scene, windows) - following - 1000 * place_mm
+    guides = _axis_um(scene, windows, height_mm) - following - 1000 * place_mm
     wire = guides - columns(windows, "lag_x_um", "lag_y_um")
     away = np.abs(guides).max(axis=1) > 2 * reach  # breaks the lines between two passages
     guides[away], wire[away] = np.nan, np.nan
@@ -217,8 +220,8 @@ def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Float
     style.legend(axes, above=True)
 
 
-def _axis_um(scene: Scene, windows: pa.Table) -> Floats:
-    return scene.axis_um(columns(windows, "x_um", "y_um"), column(windows, "path_um"))
+def _axis_um(scene: Scene, windows: pa.Table, height_mm: float | None = None) -> Floats:
+    return scene.axis_um(columns(windows, "x_um", "y_um"), column(windows, "path_um"), height_mm)
 
 
 def _draw_lag(

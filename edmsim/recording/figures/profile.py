@@ -205,8 +205,8 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     fill(axes, bored)
     rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(bored))]
     _draw_lines(axes, rims, color=palette.MUTED, linewidth=0.6, zorder=2)
-    height = f"{scene.middle_mm():.3g} mm high" if scene.terraces else "mid height"
-    _draw_lines(axes, scene.middle_edges_mm(), color="#3d4852", linewidth=0.7, zorder=3, label=f"cut edge, {height}")
+    label = f"cut edge, {scene.middle_text()}"
+    _draw_lines(axes, scene.middle_edges_mm(), color="#3d4852", linewidth=0.7, zorder=3, label=label)
     nominal, dashes = [edge.nominal_mm for edge in scene.maps], (0, (5, 3))
     _draw_lines(axes, nominal, color=palette.INK, linewidth=0.7, linestyle=dashes, zorder=4, label="nominal edge")
     for face, (colour, name) in enumerate(((palette.BLUE, "edge below"), (palette.VERMILION, "edge above"))):

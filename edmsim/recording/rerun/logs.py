@@ -584,7 +584,7 @@ def log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
     cross = [[(-8, 0), (8, 0)], [(0, -8), (0, 8)]]
     recording.log("top/scale", rr.LineStrips2D([*cross, *rings], colors=[(58, 68, 80)], radii=_THIN), static=True)
     _log_labels(recording, "top/scale/um", [(0.0, -100.0, "100 µm"), (0.0, -150.0, "150"), (0.0, -200.0, "200")])
-    nominal = [turned(edge.nominal_mm * 1000.0) for edge in scene.maps]
+    nominal = [turned(edge * 1000.0) for edge in scene.as_drawn_mm(scene.middle_mm())]
     if nominal:
         lines = rr.LineStrips2D(nominal, colors=[palette.rgb(palette.GREEN)], radii=on_screen(0.8))
         recording.log("top/part/nominal", lines, static=True)

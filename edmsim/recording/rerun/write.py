@@ -442,7 +442,7 @@ def write_recording(
             logs.log_coverage(recording, scene, shapes)
             logs.log_bubbles(recording, scene, shapes, logs.travel_at(windows, shapes["t_s"]), factor)
         if len(closeup_rows):
-            above = _at_mid_height(scene, closeup_rows)
+            above = _at_the_wall(scene, closeup_rows)
             logs.log_discharges(recording, scene, closeup_rows)
             logs.log_gap(recording, scene, above)
             logs.log_scope(recording, closeup_rows)
@@ -458,12 +458,12 @@ def write_recording(
         recording.log("about", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]:
-    """Return close-ups; if the wire leans, their guides' axis and discharges are shifted to mid height."""
+def _at_the_wall(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]:
+    """Return close-ups; if the wire leans, guides' axis and discharges are shifted to the height of the wall."""
     if scene.lead is None:
         return closeups
     found, slices, path_um = closeups.copy(), closeups["deflection_um"].shape[1], closeups["path_um"]
-    found["guides_um"] = scene.axis_um(closeups["guides_um"], path_um)
+    found["guides_um"] = scene.axis_um(closeups["guides_um"], path_um, scene.middle_mm())
     heights_mm = scene.height_mm * (np.arange(slices) + 0.5) / slices
     led_um = closeups["guides_um"][:, None] + 1e3 * scene.lead_mm(path_um, heights_mm) - found["guides_um"][:, None]
     at_slice = np.maximum(closeups["pulses"]["slice"], 0).astype(np.int64)
