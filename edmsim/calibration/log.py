@@ -234,7 +234,8 @@ def _runs_of_rows(columns: Mapping[str, Floats]) -> list[tuple[int, int]]:
 def _changes_of_setting(columns: Mapping[str, Floats]) -> NDArray[np.bool_]:
     """Return for all rows but the last whether the next has another setting; not if it differs by rounding errors."""
     settings = np.array([columns["t_on_us"], columns["t_period_us"]])
-    return ~np.isclose(settings[:, 1:], settings[:, :-1], rtol=1e-6, atol=0.0).all(axis=0)
+    same = np.isclose(settings[:, 1:], settings[:, :-1], rtol=1e-6, atol=0.0)
+    return np.asarray(~same.all(axis=0))
 
 
 def _of_run(columns: Mapping[str, Floats], first: int, last: int) -> dict[str, Floats]:
