@@ -338,7 +338,7 @@ def sensitivity(
 
 
 def _comparable(values: Array) -> Array:
-    """Return values in units of the greatest, to twelve digits: cuts at the greatest feed differ by rounding errors."""
+    """Return values over the greatest, to twelve digits: cuts at the greatest feed differ by rounding errors."""
     most = float(np.abs(values).max(initial=0.0))
     return np.round(values / most, 12) if most else values
 
