@@ -59,11 +59,12 @@ seconds = 8.0  # machine time every straight cut is looked at
 # waits until it ignites. The area is that of the published law.
 
 # %%
-delays = {gap: delays_us(gap, seeds, draws) for gap in gaps_um}
+SHOWN_UM = (8.0, 10.0, 20.0)
+delays = {gap: delays_us(gap, seeds, draws) for gap in (*SHOWN_UM, *gaps_um)}
 gap_law = edmsim.Machine.load().base.gap
 
 figure, panels = plt.subplots(1, 3, figsize=(10.0, 3.2))
-for axes, gap in zip(panels, (8.0, 10.0, 20.0), strict=True):
+for axes, gap in zip(panels, SHOWN_UM, strict=True):
     drawn, seen_um = delays[gap]
     edges = np.linspace(0, np.quantile(drawn, 0.98), 50)
     axes.hist(drawn, edges, weights=np.full(len(drawn), 1 / len(drawn) / (edges[1] - edges[0])), color=SKY)

@@ -94,7 +94,7 @@ fig.tight_layout()
 # %%
 groups, front = front_of(table)
 fig, axis = plt.subplots(figsize=(5.5, 3.2))
-if groups:
+if groups and set(names) <= set(groups[0].figures):  # a cut that does not come to its end has no error
     rate, ra, error = (np.array([group.figures[name].value for group in groups]) for name in names)
     dots = axis.scatter(rate, ra, c=error, cmap="viridis_r", s=24)
     axis.scatter(rate[front], ra[front], s=70, facecolors="none", edgecolors=VERMILION)

@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {width_mm: 0.8, height_of_punch_mm: 0.8, numbers: [2], tab_mm: 0.3}
+#     small: {width_mm: 0.8, height_of_punch_mm: 0.8, numbers: [1, 2], tab_mm: 0.3}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all
@@ -24,7 +24,7 @@
 # %% tags=["parameters"]
 width_mm = 3.0
 height_of_punch_mm = 2.0
-numbers = [1, 2, 4]  # of passes in all
+numbers = [1, 2, 4]  # of passes in all; the figures of shops are for these
 tab_mm = 0.7  # it ends before the corner
 seed = 0
 
@@ -56,10 +56,10 @@ M2
 folder = tempfile.TemporaryDirectory()
 file = Path(folder.name) / "punch.ngc"
 file.write_text(program)
-cuts = {
-    number: edmsim.cut(file, passes=number, tab_mm=tab_mm, height_mm=25.4, resolution="fast", seed=seed)
-    for number in numbers
-}
+cuts = {}
+for number in numbers:
+    tab = {"tab_mm": tab_mm} if number > 1 else {}  # one pass leaves none
+    cuts[number] = edmsim.cut(file, passes=number, height_mm=25.4, resolution="fast", seed=seed, **tab)
 folder.cleanup()
 
 # %% [markdown]

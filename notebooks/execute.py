@@ -196,6 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"there is no notebook {unknown[0]!r}; there are {', '.join(there)}")
     if given.small and given.out.resolve() == HERE:
         parser.error("--small needs --out: outputs of the small settings do not belong beside the notebooks")
+    given.out.mkdir(parents=True, exist_ok=True)
     for name in given.names or there:
         notebook = read(there[name])
         if given.small:

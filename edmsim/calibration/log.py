@@ -227,9 +227,15 @@ def _refuse(
 
 def _runs_of_rows(columns: Mapping[str, Floats]) -> list[tuple[int, int]]:
     """Return first row and end (exclusive) of every run of rows at one setting without a pause."""
-    changes = (np.diff(columns["t_on_us"]) != 0) | (np.diff(columns["t_period_us"]) != 0)
-    changes |= np.diff(columns["t_s"]) > PAUSE_S
+    changes = _changes_of_setting(columns) | (np.diff(columns["t_s"]) > PAUSE_S)
     return list(pairwise([0, *(np.flatnonzero(changes) + 1).tolist(), len(columns["t_s"])]))
+
+
+def _changes_of_setting(columns: Mapping[str, Floats]) -> NDArray[np.bool_]:
+    """Return for all rows but the last whether the next has another setting; not if it differs by rounding errors."""
+    settings = np.array([columns["t_on_us"], columns["t_period_us"]])
+    same = np.isclose(settings[:, 1:], settings[:, :-1], rtol=1e-6, atol=0.0)
+    return np.asarray(~same.all(axis=0))
 
 
 def _of_run(columns: Mapping[str, Floats], first: int, last: int) -> dict[str, Floats]:
@@ -408,8 +414,8 @@ def stretches(log: Log, settle_um: float) -> list[Stretch]:
 
 def _runs(log: Log) -> list[tuple[int, int]]:
     """Return first window and end (exclusive) of each run of equal settings without jumps of the feed."""
-    feed, on, period = (log.columns[name] for name in ("feed_um_s", "t_on_us", "t_period_us"))
-    changes = (np.diff(on) != 0) | (np.diff(period) != 0)
+    feed, period = log.columns["feed_um_s"], log.columns["t_period_us"]
+    changes = _changes_of_setting(log.columns)
     # a jump is where the means over a batch before and a batch after differ, and differ most
     width = BATCH_WINDOWS
     apart = width + round(log.feed_span_s / (WINDOW_PULSES * float(np.median(period)) * 1e-6))

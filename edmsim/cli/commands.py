@@ -256,7 +256,7 @@ def dataset(
             f"mean return {row.mean_return:.1f}"
         )
     print_line(
-        f"Load them: MINARI_DATASETS_PATH={out} python -c 'import minari; "
+        f"Load them: MINARI_DATASETS_PATH={quoted(out)} python -c 'import minari; "
         f"print(minari.load_dataset(\"{made[0].dataset_id}\"))'"
     )
 

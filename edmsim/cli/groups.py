@@ -233,7 +233,7 @@ def drive(
 def _print_values(name: str, values: dict[str, float], score: str, out: Path) -> None:
     from edmsim.sweep.tune import BEST
 
-    listed = ",".join(f"{key}={value:g}" for key, value in values.items())
+    listed = ",".join(f"{key}={value:.15g}" for key, value in values.items())
     print_line(f"{name}:{listed}\n{score}. Written: {out / BEST}")
     if (out / "policy.json").is_file():
         print_use("Cut with the best policy", controller=f"policy:{out / 'policy.json'}")

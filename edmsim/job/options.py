@@ -156,8 +156,9 @@ class CutSettings(options.SetUpOptions, options.MachineOption):
 
     @pydantic.field_validator("heights", mode="plain")
     @classmethod
-    def _check_heights(cls, value: Sequence[Height | str] | None) -> tuple[Height, ...]:
-        return checked_changes([parse_height(item) if isinstance(item, str) else item for item in _list(value)])
+    def _check_heights(cls, value: Sequence[Height | str] | str | None) -> tuple[Height, ...]:
+        items = [value] if isinstance(value, str) else _list(value)
+        return checked_changes([parse_height(item) if isinstance(item, str) else item for item in items])
 
     @pydantic.field_validator("height_areas", mode="plain")
     @classmethod

@@ -86,9 +86,10 @@ def train_population(
     plan = _plan(name, algo, population, generations, steps, seed, seeds)
     runs.Cluster(address)
     folder = files.make_writable(out).absolute()
-    journal = runs.RunTable(folder / JOURNAL, asdict(plan))
-    best = _run(folder, plan, journal, watch)
-    _write(folder, plan, best, journal)
+    with files.locked(folder, "edmsim tune population"):
+        journal = runs.RunTable(folder / JOURNAL, asdict(plan))
+        best = _run(folder, plan, journal, watch)
+        _write(folder, plan, best, journal)
     return _result_of(best.metrics)
 
 

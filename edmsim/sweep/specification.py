@@ -391,11 +391,12 @@ def _option(name: str, spec: Specification) -> str:
     spelt = name.replace("-", "_")
     if spec.environment:
         return spelt
-    bare = {option: options.bare_name(option) for option in CutSettings.model_fields if option != "constants"}
-    found = [option for option, short in bare.items() if spelt in (option, short)]
+    fields = {option: field for option, field in CutSettings.model_fields.items() if option != "constants"}
+    flags = {option: options.flag(option, field).removeprefix("--") for option, field in fields.items()}
+    found = [o for o, flag in flags.items() if spelt in (o, options.bare_name(o), flag.replace("-", "_"))]
     if not found:
         listed_by = ["those of edmsim cut --help", "and constants, as gap.critical_um"]
-        known = one_of(name.replace("_", "-"), [short.replace("_", "-") for short in bare.values()], listed_by)
+        known = one_of(name.replace("_", "-"), list(flags.values()), listed_by)
         raise InputError(f"a cut has no option '{name}'; there are {known}")
     return found[0]
 

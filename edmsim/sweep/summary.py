@@ -325,7 +325,7 @@ def sensitivity(
     Numbers in the settings `names` are only names, like those of machines.
     """
     known = np.isfinite(figure)
-    values = figure[known]
+    values = _comparable(figure[known])
     factors = {name: _factor(column, known, name in names) for name, column in settings.items()}
     differ = {name: factor for name, factor in factors.items() if factor.size > 1}
     shares = _shares(list(differ.values()), values)
@@ -335,6 +335,12 @@ def sensitivity(
         name: Effect(*pairs.get(name, unknown), _rank_correlation(factor, values)) for name, factor in factors.items()
     }
     return Sensitivity(effects, shares.interactions, shares.unexplained)
+
+
+def _comparable(values: Array) -> Array:
+    """Return values over the greatest, to twelve digits: cuts at the greatest feed differ by rounding errors."""
+    most = float(np.abs(values).max(initial=0.0))
+    return np.round(values / most, 12) if most else values
 
 
 def _shares(factors: list[Factor], values: Array) -> Shares:
@@ -446,6 +452,7 @@ def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
 def pareto_front(points: Array) -> NDArray[np.bool_]:
     """Return for each point whether no other is as good in every column and better in one; more is better."""
     front = np.ones(len(points), bool)
+    points = np.apply_along_axis(_comparable, 0, points)
     for k, point in enumerate(points):
         front[k] = not np.any((points >= point).all(axis=1) & (points > point).any(axis=1))
     return front

@@ -219,7 +219,7 @@ def tune_training(
         write_found(folder, what, result.value, judged_by, "algorithm", trial.values, result.policy)
 
     run_study(study, space, trials, engine or runs.Processes(), made, watch, best)
-    in_use, values = study.trials[0].params, _rounded(study.best_trial)
+    in_use, values = study.trials[0].params, _tried(study.best_trial, space)
     first = next((float(t.value) for t in study.trials if t.params == in_use and t.value is not None), math.nan)
     return Tuned(values, float(study.best_value), first, made_in(study), made_in(study, "FAIL"))
 
@@ -253,9 +253,10 @@ def run_study(
         while made_in(study) + len(under_way) < trials:
             trial = study.ask()
             under_way[trial.number] = trial
-            values = {key: _suggested(trial, key, bound) for key, bound in space.items()}
+            for key, bound in space.items():
+                trial.suggest_float(key, bound.low, bound.high, log=bound.scale == "log")
             trial.set_user_attr(_DRIVER, [socket.gethostname(), os.getpid(), _MARK])
-            yield make_trial(trial.number, values)
+            yield make_trial(trial.number, _tried(trial, space))
 
     try:
         for trial, answer in engine.done(judge_trial, new_trials()):
@@ -275,9 +276,16 @@ def run_study(
         raise InputError(f"no trial could be made: {failed}")
 
 
-def _suggested(trial: Any, key: str, bound: Bound) -> float:
-    """Return a suggested value, rounded to three digits, because a search of this size is not more precise."""
-    return float(f"{trial.suggest_float(key, bound.low, bound.high, log=bound.scale == 'log'):.3g}")
+def _tried(trial: Any, space: Mapping[str, Bound]) -> dict[str, float]:
+    """Return a trial's values as they are tried; three digits, because a search of this size is not more precise."""
+    return {key: _rounded(trial.params[key], bound) for key, bound in space.items()}
+
+
+def _rounded(value: float, bound: Bound) -> float:
+    """Return a value with three digits, or more where these are coarse in a narrow range, and within the range."""
+    narrow = max(abs(bound.low), abs(bound.high)) / (bound.high - bound.low)
+    rounded = float(f"{value:.{3 + max(math.floor(math.log10(narrow)), 0)}g}")
+    return min(max(rounded, bound.low), bound.high)
 
 
 def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, first: Mapping[str, float]) -> Any:
@@ -359,11 +367,6 @@ def _tell(study: Any, trial: Any, result: TrialResult) -> None:
     else:
         trial.set_user_attr("error", result.error)
         study.tell(trial, state=TrialState.FAIL)
-
-
-def _rounded(trial: Any) -> dict[str, float]:
-    """Return a trial's values as they were tried; see `_suggested`."""
-    return {name: float(f"{value:.3g}") for name, value in trial.params.items()}
 
 
 def write_found(
@@ -479,7 +482,7 @@ def tune_controller(
     run_study(study, space, trials, machines, made, watch)
     whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
     best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
-    finalists = [made(-1, in_use), *(made(trial.number, _rounded(trial)) for trial in best)]
+    finalists = [made(-1, in_use), *(made(trial.number, _tried(trial, space)) for trial in best)]
     spreads = _judged_again(finalists, fresh, machines, runs.RunTable(folder / FINAL))
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]

@@ -200,6 +200,15 @@ def test_stretches_begin_after_each_change_has_settled():
     assert second.travelled_um == pytest.approx(SETTLE_UM + STRETCH_WINDOWS * 20.0 * 25.5e-3, abs=1.0)
 
 
+def test_a_setting_that_differs_by_rounding_errors_is_the_same(tmp_path):
+    count = SETTLE + STRETCH_WINDOWS + 20
+    period_us = 30.0 + 70.0 * (1.0 + 1e-12 * np.arange(count))  # as sums of on-time and pause are
+    found = stretches(log_of(rows(count, t_period_us=period_us)), SETTLE_UM)
+    assert [stretch.first for stretch in found] == [99]
+    lines = [line.replace(",100", f",{100 + 1e-9 * k:.9f}") for k, line in enumerate(steady(0.1, 0.2, 20.0, 2.0))]
+    assert len(read_log(written(tmp_path, lines))) == len(read_log(written(tmp_path, steady(0.1, 0.2, 20.0, 2.0))))
+
+
 def test_air_rest_and_unsteady_feeds_are_left_out():
     count = SETTLE + STRETCH_WINDOWS
     restless = 20.0 + 15.0 * (-1.0) ** np.arange(count)

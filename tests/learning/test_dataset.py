@@ -1,5 +1,6 @@
 """Data sets: what a controller did, as Minari keeps it, whole after an interruption."""
 
+import shlex
 import shutil
 from pathlib import Path
 
@@ -42,6 +43,13 @@ def test_a_data_set_has_what_the_controller_did(tmp_path, monkeypatch):
         assert len(episode.observations) == len(episode.rewards) + 1 == len(episode.infos["cost"])
         assert episode.truncations.tolist() == [False] * 15 + [True]
     assert not (tmp_path / dataset.UNFINISHED).exists()
+
+
+def test_the_printed_command_loads_from_a_folder_whose_name_has_a_space(tmp_path, monkeypatch, edmsim):
+    monkeypatch.setattr(dataset, "record", lambda *_, **__: [dataset.Recorded("test/short/fixed-v0", 1, 15, 0, 2.0)])
+    shown = edmsim("dataset", "edmsim/GapFeed-v2", "--out", str(tmp_path / "two words"))
+    words = shlex.split(shown.out.partition("Load them: ")[2])
+    assert words[:2] == [f"MINARI_DATASETS_PATH={tmp_path / 'two words'}", "python"]
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import ast
 import base64
+import contextlib
 import io
 import json
 import re
@@ -176,6 +177,13 @@ def png(picture):
 def test_small_outputs_do_not_replace_the_committed_ones(execute):
     with pytest.raises(SystemExit, match="2"):
         execute.main([NAMES[0], "--small"])
+
+
+def test_a_new_folder_is_made_for_the_outputs(execute, monkeypatch, tmp_path):
+    monkeypatch.setattr(execute, "Kernel", contextlib.nullcontext)
+    monkeypatch.setattr(execute, "run", lambda notebook, kernel: None)
+    assert execute.main([NAMES[0], "--small", "--out", str(tmp_path / "new" / "small")]) == 0
+    assert (tmp_path / "new" / "small" / f"{NAMES[0]}.ipynb").is_file()
 
 
 def test_a_notebook_that_is_not_there_is_reported(execute, capsys):

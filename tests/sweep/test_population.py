@@ -7,9 +7,11 @@ import math
 
 import pytest
 
+from edmsim import files
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters
 from edmsim.learning.train import train
+from edmsim.sweep import population
 from edmsim.sweep.population import train_population
 
 ENV = "edmsim/GapFeed-v2"
@@ -26,6 +28,14 @@ def test_what_cannot_be_bred_is_refused(options, named, tmp_path):
     with pytest.raises(InputError, match=named):
         train_population(ENV, tmp_path / "new", **options)
     assert not (tmp_path / "new").exists()
+
+
+def test_a_second_population_in_the_folder_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr(population.runs, "Cluster", lambda address: None)
+    monkeypatch.setattr(population, "_run", lambda *_: pytest.fail("it began"))
+    other = files.locked(tmp_path, "edmsim tune population")
+    with other, pytest.raises(InputError, match="another edmsim tune population is at work in this folder"):
+        train_population(ENV, tmp_path)
 
 
 def test_the_command_refuses_in_one_line(edmsim, tmp_path):

@@ -45,6 +45,13 @@ def test_a_run_is_known_by_what_decides_its_result(line, short):
     assert ids(program=str(moved)) == same
 
 
+def test_options_have_the_names_of_the_command_as_well(line, short):
+    grid = {"height-at": "0.1:8,0.2:12", "axis-fault": "x:stuck@1"}
+    runs = list(runs_of(Specification(program=str(line), settings=short, grid=grid)))
+    assert [[*map(tuple, run.settings["heights"])] for run in runs] == [[(0.1, 8.0)], [(0.2, 12.0)]]
+    assert [list(run.settings["axis_faults"]) for run in runs] == [["x:stuck@1"]] * 2
+
+
 def test_a_run_is_known_by_files_in_lists_and_by_the_mjcf_of_a_machine(line, tmp_path):
     machine, steel, mjcf = (tmp_path / name for name in ("own.toml", "steel.toml", "own.xml"))
     machine.write_text('like = "production"\nmodel = "own.xml"\n')

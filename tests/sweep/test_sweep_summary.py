@@ -10,7 +10,7 @@ from rich.console import Console
 from edmsim import runs
 from edmsim.errors import InputError
 from edmsim.sweep.run import as_table, read
-from edmsim.sweep.summary import KEYS, TIME, front_of, groups, pareto_front, render, sensitivities
+from edmsim.sweep.summary import KEYS, TIME, front_of, groups, pareto_front, render, sensitivities, sensitivity
 
 
 def row(name, **found):
@@ -143,6 +143,14 @@ def test_the_front_is_what_nothing_surpasses(table):
     found, front = front_of(table)
     best = {(g.settings["height_mm"], g.settings["controller"]) for g, on in zip(found, front, strict=True) if on}
     assert best == {(2.0, "counts"), (2.0, "voltage")}
+
+
+def test_what_differs_by_rounding_errors_is_equal():
+    rate = np.array([9.997302853248458, 9.997302853248454, 9.997302853248454, 9.997302853248458])
+    ra = np.array([1.93, 1.90, 1.90, 1.95])
+    assert pareto_front(np.column_stack([rate, -ra])).tolist() == [False, True, True, False]
+    effect = sensitivity({"t_on_us": [10.0, 20.0, 20.0, 10.0]}, rate).effects["t_on_us"]
+    assert np.isnan([effect.first_order, effect.rank_correlation]).all()
 
 
 @pytest.mark.slow

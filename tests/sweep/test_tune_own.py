@@ -75,6 +75,20 @@ def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
     assert [trial.number for trial in more.observed if len(trial.seeds) == 4] == [25, 26]  # the study goes on
 
 
+def test_values_stay_within_narrow_bounds_and_differ(tmp_path):
+    bounds = '{"feed_um_s": (4.5628, 30.0), "window_s": (995.4, 996.4)}'
+    file = written(tmp_path, bounds)
+    own = tmp_path / "firmware.py"
+    own.write_text(own.read_text().replace("feed_um_s=5.0, window_s=0.1", "feed_um_s=4.5628, window_s=995.7"))
+    engine = Machines()
+    found = tune_controller(file, tmp_path / "study", trials=10, seeds=1, engine=engine)
+    trials = [trial.values for trial in engine.observed[:10]]
+    assert trials[0] == {"feed_um_s": 4.5628, "window_s": 995.7}
+    assert all(995.4 <= values["window_s"] <= 996.4 for values in trials)
+    assert len({values["window_s"] for values in trials}) == 10
+    assert found.values in trials
+
+
 @pytest.mark.slow
 def test_a_trial_cuts_on_drawn_machines(tmp_path):
     own = written(tmp_path)
