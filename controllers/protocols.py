@@ -194,6 +194,20 @@ def next_wire(controller: FeedController, max_feed_um_s: float) -> FeedCommand:
 
 
 @runtime_checkable
+class StartsInAir(Protocol):
+    """A controller that approaches the metal first where a leg may begin far from it: in a cut of a program."""
+
+    def reset_in_air(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a leg as `FeedController.reset` does, which a cut then does not call, but with an approach."""
+
+
+def begin_leg(controller: FeedController, max_feed_um_s: float) -> FeedCommand:
+    """Let a controller begin a leg of a program; returns the command for its first window."""
+    begin = controller.reset_in_air if isinstance(controller, StartsInAir) else controller.reset
+    return begin(max_feed_um_s)
+
+
+@runtime_checkable
 class DrivesSteps(Protocol):
     """A controller with lines to the motors: a planner's steps pass through it."""
 

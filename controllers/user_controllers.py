@@ -21,7 +21,7 @@ from edmsim.user_code import UserObject, failure, naming_failures, run
 NEEDED = ("name", "reset", "update", "snapshot", "restore")  # methods that a feed controller must have
 _PROTOCOLS = (
     protocols.FeedController, protocols.SeesTruth, protocols.KnowsSetup, protocols.KnowsPart, protocols.SeesBreaks,
-    protocols.DrivesSteps, protocols.HasSwitches,
+    protocols.StartsInAir, protocols.DrivesSteps, protocols.HasSwitches,
 )  # fmt: skip
 _CALLED = tuple(
     name for protocol in _PROTOCOLS for name, method in vars(protocol).items()
@@ -152,7 +152,7 @@ class _Rehearsal:
         self.controller = controller
         self.windows, self.path_um, self._max_feed_um_s = 0, 0.0, max_feed_um_s
         protocols.set_up_controller(controller, Machine.load(), _PATH_UM, 0.0)
-        self.command = protocols.check_command(controller.name, controller.reset(max_feed_um_s))
+        self.command = protocols.check_command(controller.name, protocols.begin_leg(controller, max_feed_um_s))
 
     def run(self, counts: Counts, resumed: bool = False) -> list[protocols.FeedCommand]:
         """Return the commands after windows, up to an alarm; with `resumed` it is restored before every window."""
@@ -162,7 +162,7 @@ class _Rehearsal:
                 break
             if resumed:
                 text = protocols.snapshot_text(self.controller)
-                self.controller.reset(self._max_feed_um_s)
+                protocols.begin_leg(self.controller, self._max_feed_um_s)
                 self.controller.restore(json.loads(text))
             self._show(short, open_)
             commands.append(self.command)

@@ -270,7 +270,8 @@ class Simulation:
         """Reset the controller for a leg's points, with the generator at its set-up; return its first command."""
         side = self.legs[self._at.leg].part_side
         protocols.set_up_controller(self.controller, machine, points_um, self._at.start_um, side)
-        command = protocols.check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
+        first = protocols.begin_leg(self.controller, self.max_feed_um_s)
+        command = protocols.check_command(self.controller.name, first)
         self._set_generator(machine.t_on_us, machine.t_period_us)
         self._set_generator(command.t_on_us, command.t_period_us)
         return command

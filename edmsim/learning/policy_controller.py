@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, set_up_controller
 from edmsim.envs import gap_servo, part_task, path_follower, sub_envs
@@ -26,7 +27,8 @@ FAR_DEVIATIONS = 3.0
 class PolicyController(Snapshots):
     """Runs a trained policy as in its environment.
 
-    It raises the alarm if a short lasts long enough to end an episode of the environment.
+    It raises the alarm if a short lasts long enough to end an episode of the environment. In a cut, a policy that
+    commands the feed begins where the first pulses find metal; before, the wire approaches it.
 
     Parameters
     ----------
@@ -37,7 +39,7 @@ class PolicyController(Snapshots):
     name: ClassVar[str] = "policy"
     STATE: ClassVar[tuple[str, ...]] = (
         "_law", "_law_um_s", "_feed_um_s", "_limit_um_s", "_path_um", "_setting_us", "_rows", "_builder", "_servo",
-        "_memory",
+        "_memory", "_approaching",
     )  # fmt: skip
 
     def __init__(self, policy: policy_file.Policy) -> None:
@@ -50,6 +52,7 @@ class PolicyController(Snapshots):
         residual = policy.card.residual
         self._law = None if residual is None else residual.make()
         self._law_um_s = 0.0
+        self._approaching = False
         self._first_us: Floats = np.zeros(2)
         self._machine: Machine | None = None
         self._corner_um: Floats = np.full((1, 1), np.inf)
@@ -78,21 +81,39 @@ class PolicyController(Snapshots):
         """
         if self._machine is None:
             raise InputError("the policy controller needs machine and path: call set_up() before reset()")
-        self._setting_us = tuple(self._first_us.tolist())
         self._limit_um_s = max_feed_um_s
+        self._approaching = False
+        if self._law is not None:
+            self._law_um_s = self._law.reset(max_feed_um_s).feed_um_s
+        return self._begin(self._start_um)
+
+    def reset_in_air(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a leg of a cut, with an approach if no servo or law moves the wire."""
+        first = self.reset(max_feed_um_s)
+        self._approaching = self._family.action != "servo" and self._law is None
+        return FeedCommand(self._family.first_feed_um_s) if self._approaching else first
+
+    def _begin(self, path_um: float) -> FeedCommand:
+        """Begin as at the start of an episode, at a place of the path."""
+        assert self._machine is not None
+        self._setting_us = tuple(self._first_us.tolist())
         self._feed_um_s = self._family.first_feed_um_s
-        self._path_um = self._start_um
+        self._path_um = path_um
         self._rows[:] = np.zeros((), path_follower.SUB_ENV)
+        self._rows[0]["path_um"] = path_um - self._start_um
         self._builder.begin(0, self._rows[0], self._machine)
         gap_servo.begin(self._servo[0], self._feed_um_s)
         self._memory = self.policy.fresh_memory()
-        if self._law is not None:
-            self._law_um_s = self._law.reset(max_feed_um_s).feed_um_s
         self._decide()
         return self._command()
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Return the feed after a window, and the setting if it is among the environment's actions."""
+        if self._approaching:
+            if window.open >= CountsController.air_share * WINDOW_PULSES:  # as in the law `counts`: no metal is near
+                return FeedCommand(min(self._family.max_feed_um_s, self._limit_um_s))
+            self._approaching = False
+            return self._begin(window.path_um)
         row = self._look(window)
         if abs(window.feed_um_s - self._feed_um_s) > SPEED_UNIT_NM_S * 1e-3:
             self._feed_um_s = window.feed_um_s  # the machine's own, in a dwell for example: actions change that one

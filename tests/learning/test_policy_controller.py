@@ -11,16 +11,23 @@ import numpy as np
 import pytest
 
 import edmsim
+from edmsim.controllers import check_controller
 from edmsim.controllers.protocols import WindowObservation, set_up_controller
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
+from edmsim.evaluation.episode import Episode
 from edmsim.job.plan import make_controller
 from edmsim.learning import bandit, policy_file
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.score import measured_with
 
 ROOT = Path(__file__).parents[2]
+LINE_UM = np.array([[0.0, 0.0], [1000.0, 0.0]])
+AIR = WindowObservation(1.0, 0.0255, 0, 255, 30.0, 0.0, float("nan"), 33.0, 0.0)
+SPARKS, SHORTS = AIR._replace(open=249, mean_delay_us=25.0), AIR._replace(open=249, short=6)
+SLOTS = "G21 G90\nG0 X0 Y0\nG1 X0.3\nG4 P1\nX0.4\nG0 X3 Y0\nG1 X3.3\nM2\n"
+"""Three legs: two in one slot with a dwell between them, then one in another start hole."""
 
 
 @pytest.fixture
@@ -155,6 +162,116 @@ def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy)
     alarms = [i for i, command in enumerate(commands) if command.alarm]
     assert alarms[0] == 78  # 79 windows of 25.5 ms are the first to last longer than 2 s
     assert commands[-1][:2] == (0.0, "persistent short")
+
+
+@pytest.fixture
+def retreating(tmp_path):
+    """Write a policy that runs back in windows without sparks, or with many shorts; return its .json."""
+    family = make_family("GapFeed")
+    entries = [entry.name for entry in family.entries()]
+    weights = np.zeros((len(entries), 1))
+    weights[entries.index("spark")], weights[entries.index("short")] = 300.0, -3000.0
+    policy_file.write_policy(
+        tmp_path / "retreating.json", env_id="edmsim/GapFeed-v2", environment={}, mean=np.zeros(len(entries)),
+        variance=np.ones(len(entries)), lstm=None, weights=[weights], biases=[np.array([-1.0])], algorithm="own",
+        command="none", seed=0, steps=0,
+    )  # fmt: skip
+    return tmp_path / "retreating.json"
+
+
+class WithoutApproach(PolicyController):
+    """Leaves the approach out: a cut begins as an episode does."""
+
+    reset_in_air = PolicyController.reset
+
+
+@pytest.mark.parametrize("met", [SPARKS, SHORTS], ids=["sparks", "shorts"])
+@pytest.mark.parametrize(
+    ("name", "options", "first_um_s"),
+    [("GapFeed", {}, 5.0), ("Corner", {"action": "speed", "decision_s": None}, 0.0)],  # Corner: setting and offset, too
+)
+def test_the_first_pulses_that_find_metal_end_the_approach_and_the_policy_begins_there(
+    make_policy, met, name, options, first_um_s
+):
+    file = make_policy(name, **options)
+    cutting, fresh = (make_controller(f"policy:{file}") for _ in range(2))
+    for controller in (cutting, fresh):
+        set_up_controller(controller, edmsim.Machine.load(), LINE_UM, 0.0)
+    assert cutting.reset_in_air(33.0) == (first_um_s, None, None, None, 0.0, 0.0)  # the feed with which episodes begin
+    for open_ in (*[255] * 40, 250):
+        assert cutting.update(AIR._replace(open=open_)) == (33.0, None, None, None, 0.0, 0.0)
+    assert cutting.update(met._replace(path_um=40.0)) == fresh.reset(33.0)
+    for window in (met, AIR, AIR, met):  # no second approach
+        further = window._replace(path_um=40.0 + window.path_um)
+        assert cutting.update(further) == fresh.update(window)
+    np.testing.assert_array_equal(cutting.observation, fresh.observation)
+    assert cutting.reset_in_air(33.0).feed_um_s == first_um_s
+    assert cutting.update(AIR).feed_um_s == 33.0  # of the next leg
+
+
+def test_the_approach_is_no_faster_than_the_policy(make_policy):
+    controller = make_controller(f"policy:{make_policy('GapFeed', max_feed_um_s=40.0)}")
+    set_up_controller(controller, edmsim.Machine.load(), LINE_UM, 0.0)
+    controller.reset_in_air(400.0)
+    assert controller.update(AIR).feed_um_s == 40.0
+
+
+@pytest.mark.parametrize("kind", ["servo", "residual"])
+def test_a_policy_whose_law_moves_the_wire_begins_at_once(make_policy, kind):
+    options = {"action": "servo", "knobs": ["period"]} if kind == "servo" else {"action": "speed"}
+    policy = policy_file.load(str(make_policy("GapFeed", **options)))
+    if kind == "residual":
+        residual = policy_file.Residual(law="voltage", range_um_s=5.0)
+        policy = replace(policy, card=policy.card.model_copy(update={"residual": residual}))
+    cutting, fresh = PolicyController(policy), PolicyController(policy)
+    for controller in (cutting, fresh):
+        set_up_controller(controller, edmsim.Machine.load(), LINE_UM, 0.0)
+    assert cutting.reset_in_air(33.0) == fresh.reset(33.0)
+    for _ in range(5):
+        assert cutting.update(AIR) == fresh.update(AIR)
+
+
+def test_an_episode_has_no_approach(retreating):
+    task, controller = Task("GapFeed", resolution="fast"), make_controller(f"policy:{retreating}")
+    episode = Episode(task, controller, 5, "retreating")
+    assert controller.snapshot()["approaching"] is False
+    assert next(episode.windows()).observation.feed_um_s < 5.0  # the policy's first action
+
+
+def test_a_policy_conforms_from_its_approach_on(retreating):
+    check_controller(lambda: make_controller(f"policy:{retreating}"))
+
+
+@pytest.mark.slow
+def test_a_policy_that_retreats_in_air_cuts_every_leg_after_an_approach(retreating, tmp_path):
+    program = tmp_path / "slots.ngc"
+    program.write_text(SLOTS)
+    options = {"height_mm": 5.0, "resolution": "fast", "offset": "none", "max_time_s": 120.0}
+    cut = edmsim.cut(program, controller=make_controller(f"policy:{retreating}"), **options)
+    assert cut.report["outcome"] == "finished"
+    stuck = edmsim.cut(program, controller=WithoutApproach(policy_file.load(str(retreating))), **options)
+    assert stuck.report["outcome"] == "time-limit"
+    assert stuck.windows.column("open").to_numpy().min() == 255
+
+
+@pytest.mark.slow
+def test_a_cut_interrupted_in_the_approach_goes_on_bit_for_bit(retreating, tmp_path):
+    program, out = tmp_path / "slots.ngc", tmp_path / "out"
+    program.write_text(SLOTS)
+    options = {"controller": f"policy:{retreating}", "height_mm": 5.0, "resolution": "fast", "offset": "none",
+               "max_time_s": 3.0}  # fmt: skip
+    whole = edmsim.cut(program, **options).windows
+    assert whole.column("open").to_numpy()[:20].min() == 255  # in air when it is interrupted
+    assert whole.column("open").to_numpy().min() < 250  # it ends the approach after that
+
+    def interrupt(progress):
+        if progress.time_s > 0.25:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        edmsim.cut(program, out=out, watch=interrupt, **options)
+    resumed = edmsim.cut(program, out=out, resume=True, **options).windows
+    np.testing.assert_equal(resumed.to_pydict(), whole.to_pydict())  # NaN equals NaN there
 
 
 @pytest.mark.slow
