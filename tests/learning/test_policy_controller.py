@@ -188,7 +188,7 @@ class WithoutApproach(PolicyController):
 @pytest.mark.parametrize("met", [SPARKS, SHORTS], ids=["sparks", "shorts"])
 @pytest.mark.parametrize(
     ("name", "options", "first_um_s"),
-    [("GapFeed", {}, 5.0), ("Corner", {"action": "speed", "decision_s": None}, 0.0)],  # Corner: setting and offset, too
+    [("GapFeed", {}, 5.0), ("Corner", {"action": "speed", "decision_s": None}, 0.0)],  # with setting, offset
 )
 def test_the_first_pulses_that_find_metal_end_the_approach_and_the_policy_begins_there(
     make_policy, met, name, options, first_um_s
@@ -197,7 +197,7 @@ def test_the_first_pulses_that_find_metal_end_the_approach_and_the_policy_begins
     cutting, fresh = (make_controller(f"policy:{file}") for _ in range(2))
     for controller in (cutting, fresh):
         set_up_controller(controller, edmsim.Machine.load(), LINE_UM, 0.0)
-    assert cutting.reset_in_air(33.0) == (first_um_s, None, None, None, 0.0, 0.0)  # the feed with which episodes begin
+    assert cutting.reset_in_air(33.0) == (first_um_s, None, None, None, 0.0, 0.0)  # an episode's first feed
     for open_ in (*[255] * 40, 250):
         assert cutting.update(AIR._replace(open=open_)) == (33.0, None, None, None, 0.0, 0.0)
     assert cutting.update(met._replace(path_um=40.0)) == fresh.reset(33.0)
