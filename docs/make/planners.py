@@ -132,7 +132,8 @@ def page(errors: Errors) -> str:
     parts += [
         "## Where the algorithm of 1982 fails\n",
         "Moves on which `poscal-literal` fails, and the default planner on the same moves. The first column is the\n"
-        "row in [the planner's rows](controller-1982.md).\n",
+        "row in [the planner's rows](controller-1982.md). A distance under *what happens* follows from the axis\n"
+        "speeds alone; the path also has the timers' whole counts and the steps of 2 um.\n",
         table(FAILURE_HEADS, [failure_row(failure) for failure in FAILURES]),
     ]
     return "\n".join(parts) + "\n"

@@ -3,7 +3,7 @@
 The thesis mentions a path whose tangent changes at every step (5.2). A sine table of 8 bits is too coarse for a large
 circle: half a unit of 255 is 64 um at 32 mm. The walk works for any radius: of two neighbouring points it takes the
 one whose ``x^2 + y^2`` is nearer to that of the start. The planners receive chords between the best points of the
-walk, at most a quarter um from the arc.
+walk, within 0.3 um of the arc.
 """
 
 from collections.abc import Iterator
