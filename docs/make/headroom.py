@@ -289,9 +289,9 @@ controller that knows more. `python docs/make/headroom.py ThinWire` measures it 
 and resumes after an interruption. `docs/headroom.json` has the figures of every machine.
 
 Constants and laws were chosen on training machines: seeds from 100 on, as many as the held-back machines on which
-they were measured. In MaxRate and ThinWire they were chosen on 24, in MaxRate with seeds from 1 on. In the shifts they
-are the [reference lines](benchmark.md). Returns have 95 % bootstrap intervals over the held-back machines. The lines
-are:
+they were measured. In MaxRate and ThinWire they were chosen on 24, in MaxRate with seeds from 1 on. In the shifts
+they are the [reference lines](benchmark.md). Returns have 95 % bootstrap intervals over the held-back machines. The
+lines are:
 
 - *best constant*: the setting with the highest mean return on the training machines; in the shifts it is *without
   adaptation*, the controller of score 0;
