@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from edmsim.cli import commands
+from edmsim.envs import gap_servo, path_follower
 from edmsim.plant import plant
 
 USE = """
@@ -31,3 +33,19 @@ def test_nothing_is_compiled_afterwards(monkeypatch, edmsim, small_punch):
     code = USE.format(program=str(small_punch))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+@pytest.mark.slow
+def test_servo_and_offset_of_environments_are_used(monkeypatch):
+    """The other test finds them in the cache if an earlier one compiled them."""
+    used = set()
+    for module, name in ((gap_servo, "respond"), (path_follower, "lead_sideways")):
+        whole = getattr(module, name)
+
+        def call(*arguments, whole=whole, name=name):
+            used.add(name)
+            return whole(*arguments)
+
+        monkeypatch.setattr(module, name, call)
+    commands._use_once()
+    assert used == {"respond", "lead_sideways"}

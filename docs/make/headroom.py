@@ -288,12 +288,14 @@ The headroom of a task is the difference between the best law that sees only wha
 controller that knows more. `python docs/make/headroom.py ThinWire` measures it for a task, shows its progress,
 and resumes after an interruption. `docs/headroom.json` has the figures of every machine.
 
-Constants and laws were chosen on training machines (seeds from 100 on, in MaxRate from 1 on), and measured on the
-same number of held-back machines. Returns have 95 % bootstrap intervals over these machines. The lines are:
+Constants and laws were chosen on training machines: seeds from 100 on, as many as the held-back machines on which
+they were measured. In MaxRate and ThinWire they were chosen on 24, in MaxRate with seeds from 1 on. In the shifts
+they are the [reference lines](benchmark.md). Returns have 95 % bootstrap intervals over the held-back machines. The
+lines are:
 
-- *best constant*: the setting with the highest mean return over all machines; in the shifts it is *without
+- *best constant*: the setting with the highest mean return on the training machines; in the shifts it is *without
   adaptation*, the controller of score 0;
-- *best law*: the best of constants and laws without privileged knowledge;
+- *best law*: the best there of constants and laws without privileged knowledge;
 - *best constant of each machine*: the best on this very machine, found by trying all of them;
 - *law that knows each machine*: the best of constants, laws and further parameters of these laws on this very
   machine, as if its constants were known. Both are the best of several cuts, which includes some luck;

@@ -594,16 +594,17 @@ def warm_up() -> None:
         perform(lambda shape: window_function(*shape), shapes(), lambda done, _: bar.show("compile", done, total))
         _use_once()
         bar.show("compile", total, total)
-    OUT.print("All code of cuts and environments is compiled, for all resolutions.")
+    OUT.print("The usual code of cuts and environments is compiled, for all resolutions.")
 
 
 def _use_once() -> None:
-    """Run a cut and a step of an environment, which compile planners, observations and rewards."""
+    """Run a cut and a step of two environments, which compile planners, servo, offset, observations and rewards."""
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "line.ngc"
         program.write_text("G0 X0 Y0\nG1 X0.5\nM2\n", encoding="ascii")
         edmsim.cut(program, offset="none", resolution="fast", max_time_s=0.1)
-    env = edmsim.envs.EdmEnv("GapFeed", resolution="fast")
-    env.reset(seed=0)
-    env.step(env.action_space.sample())
-    env.close()
+    for task in ("GapFeed", "Corner"):  # in Corner a servo sets the feed, and an action offsets the guides
+        env = edmsim.envs.EdmEnv(task, resolution="fast")
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        env.close()

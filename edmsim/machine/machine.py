@@ -199,9 +199,9 @@ class Machine(SetUp):
         return machine
 
     def with_(self, **changes: float | str | None) -> Machine:
-        """Return a checked copy with other choices: tension, height, diameter, or an option of `load`.
+        """Return a checked copy with other choices: tension, height, diameter, pulses, or a later option of `load`.
 
-        None restores the files' constant, if any.
+        None restores the files' constant of an option after ``t_period_us``; the other choices need a number.
         """
         known = ("tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields)
         for name in changes:

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 
 class PulseWindow(NamedTuple):
-    """Results of a window of pulses. A real machine does not measure gap, deflection, temperature and debris."""
+    """Results of a window of pulses. A machine measures no gap, deflection, temperature, debris, gas and craters."""
 
     start_ns: int  # machine time at the beginning of the window
     duration_ns: int  # duration
-    short: int  # pulses of each class; their sum is 255 unless the wire broke
+    short: int  # pulses of each class; their sum is `pulses`
     open: int
     spark: int
     arc: int
@@ -32,5 +32,5 @@ class PulseWindow(NamedTuple):
 
     @property
     def pulses(self) -> int:
-        """Pulses fired in the window: 255 unless the wire broke."""
+        """Pulses fired in the window: 255, or as many as were asked for, unless the wire broke."""
         return self.short + self.open + self.spark + self.arc
