@@ -289,7 +289,7 @@ controller that knows more. `python docs/make/headroom.py ThinWire` measures it 
 and resumes after an interruption. `docs/headroom.json` has the figures of every machine.
 
 Constants and laws were chosen on training machines (seeds from 100 on, in MaxRate from 1 on), and measured on the
-same number of held-back machines. Returns have 95 % bootstrap intervals over these machines. The lines are:
+same number of held-back machines. Returns have 95 % intervals over these machines. The lines are:
 
 - *best constant*: the setting with the highest mean return over all machines; in the shifts it is *without
   adaptation*, the controller of score 0;

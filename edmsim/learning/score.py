@@ -28,7 +28,7 @@ FIRST_SEED = episode.HELD_BACK - 100_000
 """First seed of the machines that test a policy: comparisons use others, since their seeds must not choose a policy;
 training, which draws its seeds from 32 bits, meets one only by chance."""
 LEAST_MACHINES = 4
-"""Least number of machines (ours: with fewer, a bootstrap has only a handful of means)."""
+"""Least number of machines (ours: with three, Student's interval is 4.3 standard errors on either side)."""
 MOST_LOSS_SHARE = 0.02
 """How far below zero the difference's interval may reach, as a share of the start's return (ours: a policy compared
 with itself must pass; one whose loss is unknown must not)."""
@@ -156,7 +156,7 @@ def render(policy: str, env_id: str, scores: list[Score]) -> screen.ScreenTable:
 class Verdict(NamedTuple):
     """Comparison of a policy with its start on the same machines."""
 
-    # start, difference: mean return of the start, and of the paired differences, with their 95 % bootstrap intervals
+    # start, difference: mean return of the start, and of the paired differences, with their 95 % intervals
     start: compare.Figure
     difference: compare.Figure
     machines: int
