@@ -18,7 +18,7 @@ from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import guide_bends, mean_current_A
 from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
-from edmsim.plant.constants import screws, too_strong_mJ
+from edmsim.plant.constants import screws, strong_discharge
 from edmsim.plant.gap.generator import timing
 from edmsim.program import arcs, taper
 from edmsim.program.outline import Corners, Outline, Program
@@ -358,9 +358,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     length_um = sum(k.length_um for k in path.contours) + between_um
     trims_um = sum(float(p.wire_path.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
     cutting_s = (length_um - trims_um) / feed_um_s + trims_um / trim_feed_um_s
-    if strong_mJ := max(too_strong_mJ(one) for one in ([setup.machine for setup in found.setups] or [machine])):
-        risk = (f"a discharge of {strong_mJ:.3g} mJ, followed by an arc, can break this wire at any period; choose a "
-                "lower peak current, a shorter on-time or a thicker wire")
+    if risk := strong_discharge(*([setup.machine for setup in found.setups] or [machine])):
         path = replace(path, notices=(*path.notices, risk))
     return Check(
         path, machine, length_um * 1e-3, cutting_s, feed_um_s, trim_feed_um_s, limited_by, _waiting_s(path, machine),
