@@ -348,8 +348,8 @@ def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figur
 
 def ratio(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> Figure:
     """Sum over sum of pairs, with Student's interval; it is NaN if one pair has nearly the whole divisor."""
-    # A percentile bootstrap of three to twelve skewed pairs holds the true ratio in 66 to 90 % of all cases. Student's
-    # t with the error of the jackknife does in 90 to 97 %, on the logarithm, which negative values do not have.
+    # A percentile bootstrap of three to twelve skewed pairs holds the true ratio in 66 to 90 % of all cases. With the
+    # error of the jackknife Student's t does in 90 to 97 %, on the logarithm, which negative values do not have.
     count, whole = len(upper), float(lower.sum())
     if count == 0 or whole == 0:
         return Figure(np.nan, np.nan, np.nan)

@@ -11,6 +11,7 @@ import numpy as np
 from edmsim.closed_loop.passes import PassSetup
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text, user_controllers
 from edmsim.controllers.axis.elcam import file, module
+from edmsim.controllers.feed.laws import FixedController, TrimController
 from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.errors import InputError, located, refuses_wrong_types
@@ -277,6 +278,18 @@ class Prepared(NamedTuple):
     approach: PassSetup | None = None
 
 
+def standing_still(planner: str, controllers: Sequence[FeedController]) -> list[str]:
+    """Return a notice about each constant feed that the planner rounds to 0."""
+    half_um_s = kind_of(planner).speed_unit_nm_s / 2000
+    constant = [one for one in controllers if isinstance(one, FixedController | TrimController)]
+    feeds = dict.fromkeys(getattr(one, "feed_um_s", 0.0) for one in constant)
+    return [
+        f"the wire stands still: a feed of {feed_um_s:g} um/s is below half a unit of the planner {planner}, "
+        f"{half_um_s:.3g} um/s; choose the planner exact, or a higher feed"
+        for feed_um_s in feeds if 0.0 < feed_um_s <= half_um_s
+    ]  # fmt: skip
+
+
 def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) -> Prepared:
     """Read and check all inputs of a cut, without simulation."""
     found = with_passes(program, settings, plan)
@@ -292,6 +305,8 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
         for name, screw in zip("xy", screws(machine).values(), strict=True)
     }
     compensation = None if tables is None else file.load_tables(file.read_tables(tables), tables)
+    still = standing_still(settings.planner, [controller, *(setup.controller for setup in found.setups)])
+    path = replace(path, notices=(*path.notices, *still))
     return Prepared(
         settings, machine, controller, path, drives, compensation, found.setups, found.approach
     )
@@ -358,6 +373,8 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     length_um = sum(k.length_um for k in path.contours) + between_um
     trims_um = sum(float(p.wire_path.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
     cutting_s = (length_um - trims_um) / feed_um_s + trims_um / trim_feed_um_s
+    controllers = [setup.controller for setup in found.setups] or [make_controller(settings.controller)]
+    path = replace(path, notices=(*path.notices, *standing_still(settings.planner, controllers)))
     if risk := strong_discharge(*([setup.machine for setup in found.setups] or [machine])):
         path = replace(path, notices=(*path.notices, risk))
     return Check(

@@ -177,8 +177,8 @@ def strong_discharge(*machines: Machine) -> str:
     strong_mJ = max(map(_too_strong_mJ, machines))
     if not strong_mJ:
         return ""
-    return (f"a discharge of {strong_mJ:.3g} mJ, followed by an arc, can break this wire at any period; choose a lower "
-            "peak current, a shorter on-time or a thicker wire")  # fmt: skip
+    return (f"a discharge of {strong_mJ:.3g} mJ, followed by an arc, can break this wire at any period; choose a "
+            "lower peak current, a shorter on-time or a thicker wire")  # fmt: skip
 
 
 def _too_strong_mJ(machine: Machine) -> float:
