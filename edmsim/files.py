@@ -3,9 +3,12 @@
 import io
 import math
 import shutil
+import struct
 import tempfile
+import tokenize
 import tomllib
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -53,6 +56,13 @@ def replacing(file: str | Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
+_OF_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, RuntimeError,  # of the archive
+    ValueError, TypeError, LookupError, OverflowError, SyntaxError, tokenize.TokenError,  # of the arrays' headers
+)  # fmt: skip
+"""Errors of zipfile and numpy for damaged arrays; others, as for too little memory, are not the file's."""
+
+
 def read_arrays(packed: bytes) -> dict[str, np.typing.NDArray[Any]]:
     """Return the arrays of an ``.npz`` by name; raises a one-line `ValueError` if they are damaged or too large."""
     # nothing is unpickled, and no memory is allocated before the sizes are checked
@@ -62,11 +72,13 @@ def read_arrays(packed: bytes) -> dict[str, np.typing.NDArray[Any]]:
             if sum(member.file_size for member in members) > MOST_ARRAY_BYTES:
                 raise ValueError(f"its arrays have more than {MOST_ARRAY_BYTES / 1e6:.0f} MB")
             for member in members:
+                if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ValueError(f"{member.filename} is compressed in another way than by numpy")
                 with archive.open(member) as opened:
                     _check_array(member, opened)
         with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
-    except Exception as error:  # of zipfile, zlib, numpy or tokenize
+    except _OF_DAMAGE as error:
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from None
 
 
@@ -74,7 +86,10 @@ def _check_array(member: zipfile.ZipInfo, opened: Any) -> None:
     """Refuse a member that is not an array, contains objects, or declares another size than it has."""
     npy = np.lib.format
     header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(opened)]
-    shape, _, dtype = header(opened)
+    try:
+        shape, _, dtype = header(opened)
+    except MemoryError:  # Python's parser raises it for many operators in a row
+        raise ValueError(f"{member.filename} has no header of an array") from None
     if dtype.hasobject or any(length < 0 for length in shape):
         raise ValueError(f"{member.filename} is not an array of numbers")
     if math.prod(shape) * dtype.itemsize != member.file_size - opened.tell():
