@@ -2,6 +2,7 @@
 
 import io
 import math
+import secrets
 import shutil
 import struct
 import tempfile
@@ -22,6 +23,7 @@ _LOCK = ".edmsim-lock"
 MOST_ARRAY_BYTES = 800_000_000
 """Greatest size of all arrays in a file (ours: four times the checkpoint of a long cut at `fine`)."""
 _UNFINISHED = ".edmsim-new-"
+PART = ".edmsim-part"  # suffix of a file that is being written
 
 
 @contextmanager
@@ -43,11 +45,16 @@ def remove_unfinished_line(file: Path) -> int:
     return whole
 
 
+def unfinished(file: Path) -> Path:
+    """Return a new name next to a file for writing it, as two processes may write the same file at a time."""
+    return file.with_name(f"{file.name}.{secrets.token_hex(3)}{PART}")
+
+
 @contextmanager
 def replacing(file: str | Path) -> Iterator[Path]:
     """Yield a temporary path; it replaces the file if all was written, or else is removed."""
     target = Path(file)
-    partial = target.with_name(target.name + ".part")
+    partial = unfinished(target)
     try:
         with naming(target):
             yield partial
@@ -170,6 +177,8 @@ def locked(folder: Path | None, who: str = "edmsim") -> Iterator[None]:
     make_writable(folder)
     try:
         with _held(folder / _LOCK, f"another {who} is at work in this folder", folder):
+            for left in folder.glob(f"*{PART}"):  # by a process that was killed
+                left.unlink(missing_ok=True)
             yield
     finally:
         if made:
