@@ -16,7 +16,7 @@ from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.job.options import CutSettings
-from edmsim.machine.machine import Machine
+from edmsim.machine.machine import Machine, read_wire
 from edmsim.machine.setting import guide_bends, mean_current_A
 from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
 from edmsim.plant.constants import screws, strong_discharge
@@ -144,7 +144,7 @@ def _in_passes(
     settings = in_force(settings, technology, table)
     own = technology.material == settings.material
     none = f"there is no technology for {settings.material}, and the settings of '{technology.title}' cannot be used"
-    with located(name="" if own else none):
+    with located(settings.technology, name="" if own else none):
         setups = tuple(setup_of(settings, one) for one in table.settings)
     path = plan(program, settings, [one.machine for one in setups], passes)
     path = replace(path, notices=(*path.notices, *table.notices))
@@ -212,6 +212,9 @@ def technology_of(settings: CutSettings) -> Technology:
         found = read_technology(settings.technology)
         if found.material != settings.material:
             raise InputError(f"the technology '{found.title}' is for {found.material}, not for {settings.material}")
+        with located(settings.technology):
+            read_wire(found.wire)
+            kind_of(found.planner)
         return found
     return technology_for(settings.material, _chosen(settings, "machine"), _chosen(settings, "wire"))
 
