@@ -52,7 +52,7 @@ class Score(NamedTuple):
     # mean_return, return_error: mean return, and its standard error
     mean_return: float
     return_error: float
-    rate_mm2_min: float  # area cut over machine time
+    rate_mm2_min: float  # area cut over machine time, with the threading after every lost wire
     # path error (see `edmsim.evaluation.episode.Result`); for parts the edge error; None for straight cuts
     error_um: float | None
     time_s: float  # mean machine time of an episode
@@ -104,9 +104,11 @@ def score(results: Sequence[episode.Result], resolution: str) -> Score:
     known = [(r.error_um if np.isfinite(r.error_um) else r.edge_error_um) for r in results]
     errors = [error for error in known if np.isfinite(error)]
     seconds = sum(result.time_s for result in results)
+    # the rate of a cut counts the threading after a wire lost at its end, its machine time does not
+    net_s = sum(60.0 * r.area_mm2 / r.rate_mm2_min if r.rate_mm2_min else r.time_s for r in results)
     return Score(
         results[0].controller, resolution, len(results), float(returns.mean()),
-        float(returns.std(ddof=1) / np.sqrt(len(results))), 60.0 * sum(r.area_mm2 for r in results) / seconds,
+        float(returns.std(ddof=1) / np.sqrt(len(results))), 60.0 * sum(r.area_mm2 for r in results) / net_s,
         float(np.mean(errors)) if errors else None, seconds / len(results), sum(r.broke for r in results),
         sum(r.jammed for r in results),
     )

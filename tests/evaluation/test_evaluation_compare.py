@@ -23,6 +23,7 @@ from edmsim.evaluation import compare
 from edmsim.evaluation.compare import as_json, render, shown
 from edmsim.evaluation.episode import HELD_BACK, ORACLE_GAPS_UM, Episode, Result, engine_of, lines_of
 from edmsim.learning import hyperparameters
+from edmsim.learning.score import score
 from edmsim.runs import RunTable, processors
 
 GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v3", "edmsim/Contour-v2"
@@ -39,6 +40,13 @@ def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, reward=100
     return Result(
         0, "any", outcome, time_s, length, 10.0, rate, reward, lost, float(lost), 0.1, 0.2, error, math.nan, 320.0
     )
+
+
+def test_the_rate_of_a_policy_s_scores_counts_the_threading_after_a_lost_wire():
+    whole, broken = result(10.0), result(5.0, outcome="wire break")  # 60 s each, and 60 s to thread another wire
+    assert score([whole, broken], "fast").rate_mm2_min == pytest.approx(60.0 * 20.0 / 180.0)
+    assert score([whole, whole], "fast").rate_mm2_min == pytest.approx(10.0)
+    assert score([result(0.0)._replace(area_mm2=0.0), whole], "fast").rate_mm2_min == pytest.approx(5.0)
 
 
 def test_policies_are_trained_on_what_controllers_are_compared_on():
