@@ -2,9 +2,7 @@
 
 import io
 import math
-import secrets
 import shutil
-import struct
 import tempfile
 import tokenize
 import tomllib
@@ -47,7 +45,7 @@ def remove_unfinished_line(file: Path) -> int:
 
 def unfinished(file: Path) -> Path:
     """Return a new name next to a file for writing it, as two processes may write the same file at a time."""
-    return file.with_name(f"{file.name}.{secrets.token_hex(3)}{PART}")
+    return file.with_name(f"{file.name}.{np.random.default_rng().bytes(3).hex()}{PART}")
 
 
 @contextmanager
@@ -64,8 +62,10 @@ def replacing(file: str | Path) -> Iterator[Path]:
 
 
 _OF_DAMAGE = (
-    zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, RuntimeError,  # of the archive
-    ValueError, TypeError, LookupError, OverflowError, SyntaxError, tokenize.TokenError,  # of the arrays' headers
+    # of the archive
+    zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError,
+    # of the arrays' headers
+    ValueError, TypeError, LookupError, OverflowError, SyntaxError, tokenize.TokenError,
 )  # fmt: skip
 """Errors of zipfile and numpy for damaged arrays; others, as for too little memory, are not the file's."""
 
