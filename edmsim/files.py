@@ -4,8 +4,10 @@ import io
 import math
 import shutil
 import tempfile
+import tokenize
 import tomllib
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,6 +21,7 @@ _LOCK = ".edmsim-lock"
 MOST_ARRAY_BYTES = 800_000_000
 """Greatest size of all arrays in a file (ours: four times the checkpoint of a long cut at `fine`)."""
 _UNFINISHED = ".edmsim-new-"
+PART = ".edmsim-part"  # suffix of a file that is being written
 
 
 @contextmanager
@@ -40,17 +43,31 @@ def remove_unfinished_line(file: Path) -> int:
     return whole
 
 
+def unfinished(file: Path) -> Path:
+    """Return a new name next to a file for writing it, as two processes may write the same file at a time."""
+    return file.with_name(f"{file.name}.{np.random.default_rng().bytes(3).hex()}{PART}")
+
+
 @contextmanager
 def replacing(file: str | Path) -> Iterator[Path]:
     """Yield a temporary path; it replaces the file if all was written, or else is removed."""
     target = Path(file)
-    partial = target.with_name(target.name + ".part")
+    partial = unfinished(target)
     try:
         with naming(target):
             yield partial
             partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
+
+
+_OF_DAMAGE = (
+    # of the archive
+    zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError,
+    # of the arrays' headers
+    ValueError, TypeError, LookupError, OverflowError, SyntaxError, tokenize.TokenError,
+)  # fmt: skip
+"""Errors of zipfile and numpy for damaged arrays; others, as for too little memory, are not the file's."""
 
 
 def read_arrays(packed: bytes) -> dict[str, np.typing.NDArray[Any]]:
@@ -62,11 +79,13 @@ def read_arrays(packed: bytes) -> dict[str, np.typing.NDArray[Any]]:
             if sum(member.file_size for member in members) > MOST_ARRAY_BYTES:
                 raise ValueError(f"its arrays have more than {MOST_ARRAY_BYTES / 1e6:.0f} MB")
             for member in members:
+                if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ValueError(f"{member.filename} is compressed in another way than by numpy")
                 with archive.open(member) as opened:
                     _check_array(member, opened)
         with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
-    except Exception as error:  # of zipfile, zlib, numpy or tokenize
+    except _OF_DAMAGE as error:
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from None
 
 
@@ -74,7 +93,10 @@ def _check_array(member: zipfile.ZipInfo, opened: Any) -> None:
     """Refuse a member that is not an array, contains objects, or declares another size than it has."""
     npy = np.lib.format
     header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(opened)]
-    shape, _, dtype = header(opened)
+    try:
+        shape, _, dtype = header(opened)
+    except MemoryError:  # Python's parser raises it for many operators in a row
+        raise ValueError(f"{member.filename} has no header of an array") from None
     if dtype.hasobject or any(length < 0 for length in shape):
         raise ValueError(f"{member.filename} is not an array of numbers")
     if math.prod(shape) * dtype.itemsize != member.file_size - opened.tell():
@@ -155,6 +177,8 @@ def locked(folder: Path | None, who: str = "edmsim") -> Iterator[None]:
     make_writable(folder)
     try:
         with _held(folder / _LOCK, f"another {who} is at work in this folder", folder):
+            for left in folder.glob(f"*{PART}"):  # by a process that was killed
+                left.unlink(missing_ok=True)
             yield
     finally:
         if made:

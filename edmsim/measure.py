@@ -262,6 +262,7 @@ def measure_table(
     bench = _Bench(machine, compensation, np.random.default_rng(numeric.whole_from("seed", seed, 0)))
     places = np.arange(interval_mm / 2, travel_mm, interval_mm)
     targets = np.array([bench.whole_steps(mm * 1e3) for mm in places])
+    targets = targets[targets + _overrun_um(targets) <= travel_mm * 1e3]
     along = {}
     for k, master in enumerate(("x", "y")):
         up, down = _traverses(bench, k, targets, runs)
@@ -275,12 +276,16 @@ def measure_table(
     )
 
 
+def _overrun_um(targets: Floats) -> float:
+    """Return how far a traverse begins before its first target, so that all are approached from one side."""
+    return 0.25 * float(targets[1] - targets[0])
+
+
 def _traverses(bench: _Bench, k: int, targets: Floats, runs: int) -> tuple[Floats, Floats]:
     """Move along an axis in both directions; return the deviations of both axes in each, (runs, targets, 2)."""
     passes = []
-    beyond = 0.25 * (targets[1] - targets[0])  # overrun, so all targets of a traverse are approached from one side
     for traverse in (targets, targets[::-1]) * runs:
-        back = np.sign(traverse[1] - traverse[0]) * beyond
+        back = np.sign(traverse[1] - traverse[0]) * _overrun_um(targets)
         start = traverse[0] - back
         bench.move(*_at(bench, k, float(start), float(back)))  # the other axis is approached from both sides, too
         passes.append(np.array([bench.deviation_um(*_at(bench, k, float(um))) for um in (start, *traverse)])[1:])

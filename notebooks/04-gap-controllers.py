@@ -55,7 +55,7 @@ COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "
 # - `oracle` knows the true gap, and makes every cut with several gaps to choose the best. A real machine cannot
 #   have it; it shows how fast a cut could be.
 #
-# Values in parentheses are 95 % bootstrap intervals over the cuts. They are wide because the machines differ more
+# Values in parentheses are 95 % intervals over the cuts. They are wide because the machines differ more
 # than the controllers do. The *share of the oracle's rate* compares machine by machine, and its intervals are much
 # narrower. A *jam* is a short that stayed or a wire driven into the metal; it costs as much as a lost wire.
 

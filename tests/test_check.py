@@ -429,3 +429,17 @@ def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_t
     (moved,) = [notice for notice in fast.path.notices if "technology" in notice]
     assert moved.startswith("the offsets of the passes were measured at the resolution default; at fast walls lie")
     assert own.passes[0].seconds < found.passes[0].seconds  # aluminium is cut about twice as fast in practice
+
+
+@pytest.mark.parametrize(("key", "value", "reason"), [
+    ("machine", '"nope"', "unknown machine 'nope'"), ("wire", '"nope"', "unknown wire 'nope'"),
+    ("planner", '"nope"', "there is no planner 'nope'"), ("generator", '"nope"', "unknown generator 'nope'"),
+    ("t_on_us", "5000.0", "t_on 5000 us is not within"),
+])  # fmt: skip
+def test_a_technology_that_cannot_be_used_is_refused_by_its_file(tmp_path, key, value, reason):
+    ours = (Path(models.__file__).parent / "technologies" / "tool-steel-brass-254.toml").read_text(encoding="utf-8")
+    file = tmp_path / "own.toml"
+    file.write_text(re.sub(f"^{key} = .*", f"{key} = {value}", ours, count=1, flags=re.MULTILINE), encoding="utf-8")
+    settings = CutSettings(passes=2, height_mm=25.4, technology=str(file))
+    with pytest.raises(InputError, match=f"^{re.escape(str(file))}: {reason}"):
+        check(EXAMPLES / "punch.ngc", settings)

@@ -1,5 +1,6 @@
 """A program's conditions with a user's table: every pass is cut with the settings of its condition."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ import edmsim
 from edmsim.calibration import read_log
 from edmsim.errors import InputError
 from edmsim.job.options import CutSettings
-from edmsim.job.plan import prepared
+from edmsim.job.plan import check, prepared
 from edmsim.recording.windows import write_windows
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "dialects"
@@ -43,6 +44,27 @@ def test_one_pass_is_cut_with_its_condition(tmp_path):
     ready = prepared(program, CutSettings(conditions=str(table), dialect="sodick"))
     assert (ready.machine.t_on_us, ready.machine.tension) == (2.0, 9.0)
     assert ready.controller.name == "trim"
+    assert not any("stands still" in notice for notice in ready.path.notices)
+
+
+def test_a_feed_that_the_planner_rounds_to_nothing_is_said_before_the_cut(tmp_path):
+    program, table = tmp_path / "line.nc", tmp_path / "table.toml"
+    program.write_text("C001\nG41 H0\nG0 X0. Y0.\nG1 X2. Y0.\nX4.\nM02\n")
+    table.write_text("[C001]\nfeed_um_s = 0.13\n")
+    still = (
+        "the wire stands still: a feed of 0.13 um/s is below half a unit of the planner poscal, 0.131 um/s; choose "
+        "the planner exact, or a higher feed"
+    )
+    settings = CutSettings(conditions=str(table), dialect="sodick")
+    assert still in check(program, settings).path.notices
+    assert still not in check(program, settings.model_copy(update={"planner": "exact"})).path.notices
+    options = {"resolution": "fast", "max_time_s": 0.1, "dialect": "sodick"}
+    with pytest.warns(UserWarning, match=re.escape(still)):
+        result = edmsim.cut(program, conditions=str(table), **options)
+    assert result.report.notices.count(still) == 1
+    assert not result.report.path_length_mm
+    moving = edmsim.cut(program, controller="fixed:feed_um_s=0.14", **options, ignore="C001")
+    assert not any("stands still" in notice for notice in moving.report.notices)
 
 
 @pytest.mark.parametrize(("options", "reason"), [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from edmsim.files import replacing
+from edmsim.files import locked, replacing, unfinished
 from edmsim.hil import Sensing
 from edmsim.hil.samples import SampleFile
 from edmsim.plant.kernel.state import OPEN
@@ -39,6 +39,26 @@ def test_a_file_is_replaced_when_all_is_written(tmp_path):
         assert file.read_text() == "old"
         assert partial.parent == file.parent
     assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [("report.json", "new")]
+
+
+def test_of_two_that_write_a_file_at_a_time_the_last_one_is_kept(tmp_path):
+    file = tmp_path / "part.dxf"
+    with replacing(file) as first:
+        first.write_text("first")
+        with replacing(file) as second:
+            second.write_text("second, and longer")
+        assert file.read_text() == "second, and longer"
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("part.dxf", "first")]
+
+
+def test_what_a_kill_left_half_written_is_removed_by_the_next_who_locks_the_folder(tmp_path):
+    with locked(tmp_path):
+        left, own = unfinished(tmp_path / "checkpoint.npz"), tmp_path / "film.part"
+        left.write_text("half")
+        own.write_text("the user's")
+    with locked(tmp_path):
+        assert not left.exists()
+        assert own.exists()
 
 
 @NO_LIMIT

@@ -58,7 +58,7 @@ def earnings(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
     heads = "controller", "return", "net rate, mm2/min", "of the law's, %", "wires lost"
     return f"{table(heads, rows)}\n\n" + (
         f"{len(seeds)} held-back machines, seeds {seeds[0]} to {seeds[-1]}, shifts of 20 minutes, `fast`; intervals "
-        "are 95 % bootstraps over the machines. The share of the law's return is the ratio of the sums, in pairs. "
+        "are those of 95 % over the machines. The share of the law's return is the ratio of the sums, in pairs. "
         f"The machines' own ratios of policy and law are {shown(each)} % on average. One setting for all is `{one}`: "
         f"the policy's law with its first setting, without adaptation. The policy earns {shown(of_one)} % of it."
     )

@@ -49,7 +49,7 @@ um, and the cut with the highest return counts. The constants were chosen on tra
 earn more than the reference. In the shifts no reference knows the wire's temperature, because some wires break before
 they boil.
 
-Values in parentheses are 95 % bootstrap intervals over the cuts. The columns are
+Values in parentheses are 95 % intervals over the cuts. The columns are
 
 - *Score*: (return - return at 0) / (return at 1 - return at 0), machine by machine. The table shows the interquartile
   mean, which leaves out the best and the worst quarter of the machines. So a single lost wire shows in the mean

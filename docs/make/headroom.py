@@ -290,7 +290,7 @@ and resumes after an interruption. `docs/headroom.json` has the figures of every
 
 Constants and laws were chosen on training machines: seeds from 100 on, as many as the held-back machines on which
 they were measured. In MaxRate and ThinWire they were chosen on 24, in MaxRate with seeds from 1 on. In the shifts
-they are the [reference lines](benchmark.md). Returns have 95 % bootstrap intervals over the held-back machines. The
+they are the [reference lines](benchmark.md). Returns have 95 % intervals over the held-back machines. The
 lines are:
 
 - *best constant*: the setting with the highest mean return on the training machines; in the shifts it is *without

@@ -560,23 +560,29 @@ def gap(
             files.make_writable(file.parent)
     pulser = board or boards.PlainGenerator(set_up)
     rig = boards.Rig(pulser, set_up, seed=seed, gap_um=gap, resolution=settings.resolution)
+    ended: SystemExit | None = None
     with ExitStack() as opened:
         sensing = Sensing(**chosen, seed=seed)
         sampled = opened.enter_context(SampleFile(samples, sensing, rig.time_s)) if samples else None
         logged = opened.enter_context(RatioLog(log, rig, 10.0 if log_rate is None else log_rate)) if log else None
         for taker in filter(None, (sampled, logged)):
             rig.watch(taker.frame)
-        if serial is None:
-            lasts_s = 1.0 if seconds is None else seconds
-            session.run_alone(rig, feed_um_s=5.0 if feed is None else feed, seconds=lasts_s)
-        else:
-            session.serve(rig, speed=1.0 if speed is None else speed, seconds=seconds, say=say)
+        try:
+            if serial is None:
+                lasts_s = 1.0 if seconds is None else seconds
+                session.run_alone(rig, feed_um_s=5.0 if feed is None else feed, seconds=lasts_s)
+            else:
+                session.serve(rig, speed=1.0 if speed is None else speed, seconds=seconds, say=say)
+        except SystemExit as signalled:  # SIGTERM, SIGHUP: the files are kept as after Ctrl-C, so their lines as well
+            ended = signalled
     if sampled is not None:
         say(f"{sampled.count} samples in {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
     if logged is not None:
         say(f"{logged.count} rows in {log}")
     if rig.gap.lost and serial is None:
         say(rig.gap.lost)
+    if ended is not None:
+        raise ended
 
 
 

@@ -25,7 +25,7 @@ from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive, AxisFault
 from edmsim.plant.axes.steps import rapid_constants, time_left_s
-from edmsim.plant.constants import too_strong_mJ
+from edmsim.plant.constants import strong_discharge
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece import height_steps, kerf_field
@@ -444,9 +444,8 @@ class Simulation:
             of = " of the tab" if one.piece == "tab" else ""
             where = f"{'on the way to' if leg.leads_in else 'in'} pass {one.number}{of}, {where}"
         text = f"the wire broke {where}, at {window.wire_temperature_K:.0f} K"
-        if strong_mJ := too_strong_mJ(self.plant.machine):
-            return (f"{text}: a discharge of {strong_mJ:.3g} mJ is too strong for it at any period; choose a lower "
-                    f"peak current or a shorter on-time{decided}")
+        if why := strong_discharge(self.plant.machine):
+            return f"{text}: {why}{decided}"
         period_us, held_us = self.plant.machine.t_period_us, held_period_us(self.plant.machine)
         if period_us > 0.99 * held_us:
             return text

@@ -27,6 +27,7 @@ from edmsim.recording.report import FigureKind, kinds_of
 
 CONFIDENCE = 0.95  # level of all intervals
 RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)
+MOST_SHARE = 0.9  # greatest share of a pair in the divisor of a ratio with an interval (ours)
 
 
 @dataclass(frozen=True)
@@ -268,20 +269,22 @@ def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Seque
     def values(name: str, of: Iterable[Result] = results) -> NDArray[np.float64]:
         return np.array([getattr(r, name) for r in of], np.float64)
 
-    def measured(name: str) -> NDArray[np.float64]:
-        return np.asarray(values(name)[np.isfinite(values(name))])
+    def of_each(name: str, of: Iterable[Result] = results) -> Figure:
+        known = values(name, of)[np.isfinite(values(name, of))]
+        return ratio(known, np.ones_like(known))  # none is below 0, nor are the ends of its interval
 
     metres = values("length_mm") * 1e-3
     return {
         "score": interquartile_mean(scores(results, oracle, blind)),
-        "rate_mm2_min": mean(values("rate_mm2_min")),
+        "rate_mm2_min": of_each("rate_mm2_min"),
         "oracle_share": ratio(values("rate_mm2_min"), values("rate_mm2_min", oracle)),
-        **{name: mean(values(name)) for name in ("short_share", "open_share", "total_return")},
-        **{name: mean(measured(name)) for name in ("error_um", "edge_error_um", "ra_um")},
-        "time_s": mean(values("time_s", (r for r in results if r.outcome == FINISHED))),
+        **{name: of_each(name) for name in ("short_share", "open_share")},
+        "total_return": mean(values("total_return")),
+        **{name: of_each(name) for name in ("error_um", "edge_error_um", "ra_um")},
+        "time_s": of_each("time_s", [r for r in results if r.outcome == FINISHED]),
         "breaks_per_m": per_metre(values("wires_lost"), metres),
         "jams_per_m": per_metre(values("jammed"), metres),
-        "cost": mean(values("cost")),
+        "cost": of_each("cost"),
     }
 
 
@@ -305,33 +308,38 @@ def median(values: NDArray[np.float64]) -> Figure:
     return _of_one(np.median, values)
 
 
-def _with_interval(statistic: Callable[..., Any], *columns: NDArray[np.float64]) -> Figure:
-    """Return a statistic with its percentile bootstrap interval; rows of several columns are resampled together."""
+def _of_one(statistic: Callable[..., Any], values: NDArray[np.float64]) -> Figure:
+    """Return a statistic with its percentile bootstrap interval: zero width for equal values, NaN for one or none."""
     from scipy.stats import bootstrap
 
+    if len(values) < 2 or np.ptp(values) == 0.0:
+        value = float(statistic(values)) if len(values) else np.nan
+        return Figure(value, *[value if len(values) > 1 else np.nan] * 2)
     interval = bootstrap(
-        columns, statistic, paired=len(columns) > 1, vectorized=True, n_resamples=RESAMPLES,
-        confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(0),
+        (values,), statistic, vectorized=True, n_resamples=RESAMPLES, confidence_level=CONFIDENCE,
+        method="percentile", rng=np.random.default_rng(0),
     ).confidence_interval
-    return Figure(float(statistic(*columns)), float(interval.low), float(interval.high))
-
-
-def _of_one(statistic: Callable[..., Any], values: NDArray[np.float64]) -> Figure:
-    """Return a statistic with its interval: of zero width if all values are equal, NaN for one; all NaN for none."""
-    if len(values) > 1 and np.ptp(values) > 0.0:
-        return _with_interval(statistic, values)
-    value = float(statistic(values)) if len(values) else np.nan
-    return Figure(value, *[value if len(values) > 1 else np.nan] * 2)
+    return Figure(float(statistic(values)), float(interval.low), float(interval.high))
 
 
 def mean(values: NDArray[np.float64]) -> Figure:
-    """Mean with its bootstrap interval."""
-    return ratio(values, np.ones_like(values))
+    """Mean with Student's interval."""
+    if len(values) < 2:
+        return Figure(float(values.mean()) if len(values) else np.nan, np.nan, np.nan)
+    value, half = float(values.mean()), _students(len(values)) * float(values.std(ddof=1)) / math.sqrt(len(values))
+    return Figure(value, value - half, value + half)
+
+
+def _students(count: int) -> float:
+    """Return the quantile of Student's t for the interval of `count` values."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2))
 
 
 def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figure:
     """Events over length cut, with an interval."""
-    # without any event the bootstrap has no interval; the upper end is then the rate at which 5 % of such comparisons
+    # without any event `ratio` has no interval; the upper end is then the rate at which 5 % of such comparisons
     # would have no event in this length (Poisson: -ln 0.05 events, the "rule of three")
     if events.any() or metres.sum() == 0:
         return ratio(events, metres)
@@ -339,18 +347,20 @@ def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figur
 
 
 def ratio(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> Figure:
-    """Sum over sum, with its bootstrap interval, which is NaN if a resample may have a divisor of 0."""
-    if len(upper) == 0 or lower.sum() == 0:
+    """Sum over sum of pairs, with Student's interval; it is NaN if one pair has nearly the whole divisor."""
+    # A percentile bootstrap of three to twelve skewed pairs holds the true ratio in 66 to 90 % of all cases. With the
+    # error of the jackknife Student's t does in 90 to 97 %, on the logarithm, which negative values do not have.
+    count, whole = len(upper), float(lower.sum())
+    if count == 0 or whole == 0:
         return Figure(np.nan, np.nan, np.nan)
-    without = float(np.mean(lower == 0)) ** len(lower)  # share of the resamples with a divisor of 0
-    if len(upper) < 2 or without * RESAMPLES > 1e-3:
-        return Figure(float(upper.sum() / lower.sum()), np.nan, np.nan)
-    return _with_interval(_of_sums, upper, lower)
-
-
-def _of_sums(upper: NDArray[np.float64], lower: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(upper.sum(axis=axis) / lower.sum(axis=axis))
+    value = float(upper.sum()) / whole
+    if count < 2 or lower.max() > MOST_SHARE * whole:
+        return Figure(value, np.nan, np.nan)
+    without = (upper.sum() - upper) / (whole - lower)
+    half = _students(count) * float(without.std()) * math.sqrt(count - 1)
+    if value == 0.0 or (upper < 0.0).any():
+        return Figure(value, value - half, value + half)
+    return Figure(value, value * math.exp(-half / value), value * math.exp(half / value))
 
 
 def shown(name: str, figure: Figure) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from edmsim.errors import InputError, methods_refuse_wrong_types
-from edmsim.files import check_suffix, naming
+from edmsim.files import check_suffix, naming, unfinished
 from edmsim.hil.boards import NO_TIME_S, Rig, next_due_s
 from edmsim.hil.gap import Frame
 from edmsim.numeric import finite, whole_from
@@ -191,7 +191,7 @@ class FrameFile(ABC):
     """A file written frame by frame; on leaving, even by an error, it gets its name if there was a frame."""
 
     def __init__(self, file: Path) -> None:
-        self._file, self._partial = file, file.with_name(file.name + ".part")
+        self._file, self._partial = file, unfinished(file)
         self._has_frames = False
         try:
             self._open()

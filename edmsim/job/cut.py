@@ -19,7 +19,7 @@ from edmsim.controllers import protocols, pulse_counters
 from edmsim.controllers.axis.elcam.file import NAMES, PLACES
 from edmsim.errors import EdmsimError, InputError, located, refuses_wrong_types
 from edmsim.job.options import CutOptions, CutSettings, Running
-from edmsim.job.plan import prepared
+from edmsim.job.plan import prepared, standing_still
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.machine import machine, options
 from edmsim.metrology.profile import BLANK_EDGE_MM, depth_in_blank
@@ -115,6 +115,8 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
     """Read the program and set up the simulation; return the settings in force, the simulation and its recorders."""
     ready = prepared(program, settings)
     settings = ready.settings
+    for still in standing_still(settings.planner, [ready.controller, *(one.controller for one in ready.setups)]):
+        warnings.warn(still, stacklevel=3)  # now, as such a cut may not end, and in the report
     steps = settings.workpiece.steps(ready.path, ready.machine.wire_diameter_um)
     recorders = recorders_for(ready.machine, steps, settings.resolution)
     simulation = Simulation(

@@ -11,14 +11,15 @@ import numpy as np
 from edmsim.closed_loop.passes import PassSetup
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text, user_controllers
 from edmsim.controllers.axis.elcam import file, module
+from edmsim.controllers.feed.laws import FixedController, TrimController
 from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.job.options import CutSettings
-from edmsim.machine.machine import Machine
+from edmsim.machine.machine import Machine, read_wire
 from edmsim.machine.setting import guide_bends, mean_current_A
 from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
-from edmsim.plant.constants import screws, too_strong_mJ
+from edmsim.plant.constants import screws, strong_discharge
 from edmsim.plant.gap.generator import timing
 from edmsim.program import arcs, taper
 from edmsim.program.outline import Corners, Outline, Program
@@ -143,7 +144,7 @@ def _in_passes(
     settings = in_force(settings, technology, table)
     own = technology.material == settings.material
     none = f"there is no technology for {settings.material}, and the settings of '{technology.title}' cannot be used"
-    with located(name="" if own else none):
+    with located(settings.technology, name="" if own else none):
         setups = tuple(setup_of(settings, one) for one in table.settings)
     path = plan(program, settings, [one.machine for one in setups], passes)
     path = replace(path, notices=(*path.notices, *table.notices))
@@ -211,6 +212,9 @@ def technology_of(settings: CutSettings) -> Technology:
         found = read_technology(settings.technology)
         if found.material != settings.material:
             raise InputError(f"the technology '{found.title}' is for {found.material}, not for {settings.material}")
+        with located(settings.technology):
+            read_wire(found.wire)
+            kind_of(found.planner)
         return found
     return technology_for(settings.material, _chosen(settings, "machine"), _chosen(settings, "wire"))
 
@@ -277,6 +281,18 @@ class Prepared(NamedTuple):
     approach: PassSetup | None = None
 
 
+def standing_still(planner: str, controllers: Sequence[FeedController]) -> list[str]:
+    """Return a notice about each constant feed that the planner rounds to 0."""
+    half_um_s = kind_of(planner).speed_unit_nm_s / 2000
+    constant = [one for one in controllers if isinstance(one, FixedController | TrimController)]
+    feeds = dict.fromkeys(getattr(one, "feed_um_s", 0.0) for one in constant)
+    return [
+        f"the wire stands still: a feed of {feed_um_s:g} um/s is below half a unit of the planner {planner}, "
+        f"{half_um_s:.3g} um/s; choose the planner exact, or a higher feed"
+        for feed_um_s in feeds if 0.0 < feed_um_s <= half_um_s
+    ]  # fmt: skip
+
+
 def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) -> Prepared:
     """Read and check all inputs of a cut, without simulation."""
     found = with_passes(program, settings, plan)
@@ -292,6 +308,8 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
         for name, screw in zip("xy", screws(machine).values(), strict=True)
     }
     compensation = None if tables is None else file.load_tables(file.read_tables(tables), tables)
+    still = standing_still(settings.planner, [controller, *(setup.controller for setup in found.setups)])
+    path = replace(path, notices=(*path.notices, *still))
     return Prepared(
         settings, machine, controller, path, drives, compensation, found.setups, found.approach
     )
@@ -358,9 +376,9 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     length_um = sum(k.length_um for k in path.contours) + between_um
     trims_um = sum(float(p.wire_path.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
     cutting_s = (length_um - trims_um) / feed_um_s + trims_um / trim_feed_um_s
-    if strong_mJ := max(too_strong_mJ(one) for one in ([setup.machine for setup in found.setups] or [machine])):
-        risk = (f"a discharge of {strong_mJ:.3g} mJ, followed by an arc, can break this wire at any period; choose a "
-                "lower peak current, a shorter on-time or a thicker wire")
+    controllers = [setup.controller for setup in found.setups] or [make_controller(settings.controller)]
+    path = replace(path, notices=(*path.notices, *standing_still(settings.planner, controllers)))
+    if risk := strong_discharge(*([setup.machine for setup in found.setups] or [machine])):
         path = replace(path, notices=(*path.notices, risk))
     return Check(
         path, machine, length_um * 1e-3, cutting_s, feed_um_s, trim_feed_um_s, limited_by, _waiting_s(path, machine),

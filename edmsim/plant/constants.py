@@ -172,7 +172,16 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
     )
 
 
-def too_strong_mJ(machine: Machine) -> float:
+def strong_discharge(*machines: Machine) -> str:
+    """Return a sentence about the strongest discharge that can break the wire of its machine; empty if none can."""
+    strong_mJ = max(map(_too_strong_mJ, machines))
+    if not strong_mJ:
+        return ""
+    return (f"a discharge of {strong_mJ:.3g} mJ, followed by an arc, can break this wire at any period; choose a "
+            "lower peak current, a shorter on-time or a thicker wire")  # fmt: skip
+
+
+def _too_strong_mJ(machine: Machine) -> float:
     """Return the energy of one discharge and one arc if it breaks a wire at the boiling point; otherwise 0."""
     heat, pulse = heat_law(machine, Resolution(1, 1, 1)), timing(machine)
     energy_J = pulse.burning_V * pulse.current_A * pulse.on_us * 1e-6

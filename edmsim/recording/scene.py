@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.files import make_writable, read_arrays, replacing
-from edmsim.geometry import CORNER_DEG, Floats, left_of
+from edmsim.geometry import CORNER_DEG, Floats, arc_lengths, interpolated, left_of
 from edmsim.metrology.edges import filled
 from edmsim.metrology.error_budget import SHARES
 from edmsim.metrology.profile import CornerError
@@ -177,6 +177,24 @@ class Scene:
             pass_faces=tuple(replace(face, points_mm=face.points_mm - by) for face in self.pass_faces),
             origin_mm=(0.0, 0.0),
         )
+
+    def at_middle(self) -> "Scene":
+        """Return the scene with edges, errors and corners of a tapered, stepped part at the height `middle_mm`."""
+        # they are known at half the greatest height, where a lower level has no metal
+        if not (self.walls_mm and self.terraces):
+            return self
+        drawn_mm = self.as_drawn_mm(self.middle_mm())
+        known_mm, moved_mm = (np.concatenate(lines) for lines in ([m.nominal_mm for m in self.maps], drawn_mm))
+        corners = []
+        for corner in self.corners:
+            x, y = moved_mm[np.hypot(*(known_mm - (corner.x_mm, corner.y_mm)).T).argmin()].tolist()
+            corners.append(replace(corner, x_mm=x, y_mm=y))
+        maps = []
+        for edge, there in zip(self.maps, drawn_mm, strict=True):
+            along = shapely.line_locate_point(shapely.LineString(edge.nominal_mm), shapely.points(edge.points_mm))
+            points = interpolated(along, arc_lengths(edge.nominal_mm), there)
+            maps.append(replace(edge, nominal_mm=there, points_mm=points))
+        return replace(self, maps=tuple(maps), corners=tuple(corners))
 
     def bored(self) -> shapely.Geometry:
         """Return the area of the holes."""

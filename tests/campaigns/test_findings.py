@@ -168,7 +168,7 @@ def packed(name, header, body):
     ("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }", "another size than it says"),
     ("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }", "is not an array of numbers"),
     ("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", "is not an array of numbers"),
-    ("nothing", "header|Header|EOF|malformed"), ("{" * 500, "."),
+    ("nothing", "header|Header|EOF|malformed"), ("{" * 500, "."), ("-" * 9000 + "1", "no header of an array"),
 ])  # fmt: skip
 def test_arrays_that_are_none_take_no_memory(header, named):
     """A header that spoke of 800 GB was believed: MemoryError."""
@@ -189,6 +189,28 @@ def test_an_archive_with_something_else_is_none_of_arrays():
     out = io.BytesIO()
     np.savez(out, **arrays)
     np.testing.assert_equal(read_arrays(out.getvalue()), arrays)
+
+
+def test_too_little_memory_is_no_damage(monkeypatch):
+    """Whatever happened while arrays were read, their file was called damaged."""
+    out = io.BytesIO()
+    np.savez(out, a=np.zeros(3))
+
+    def load(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr(np, "load", load)
+    with pytest.raises(MemoryError):
+        read_arrays(out.getvalue())
+
+
+@pytest.mark.parametrize("kind", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_arrays_compressed_as_numpy_does_not_are_refused(kind):
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", kind) as archive:
+        archive.writestr("a.npy", b"nothing")
+    with pytest.raises(ValueError, match="is compressed in another way than by numpy"):
+        read_arrays(out.getvalue())
 
 
 def test_a_message_is_one_line_that_ends():

@@ -23,6 +23,7 @@ from edmsim.evaluation import compare
 from edmsim.evaluation.compare import as_json, render, shown
 from edmsim.evaluation.episode import HELD_BACK, ORACLE_GAPS_UM, Episode, Result, engine_of, lines_of
 from edmsim.learning import hyperparameters
+from edmsim.learning.score import score
 from edmsim.runs import RunTable, processors
 
 GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v3", "edmsim/Contour-v2"
@@ -39,6 +40,13 @@ def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, reward=100
     return Result(
         0, "any", outcome, time_s, length, 10.0, rate, reward, lost, float(lost), 0.1, 0.2, error, math.nan, 320.0
     )
+
+
+def test_the_rate_of_a_policy_s_scores_counts_the_threading_after_a_lost_wire():
+    whole, broken = result(10.0), result(5.0, outcome="wire break")  # 60 s each, and 60 s to thread another wire
+    assert score([whole, broken], "fast").rate_mm2_min == pytest.approx(60.0 * 20.0 / 180.0)
+    assert score([whole, whole], "fast").rate_mm2_min == pytest.approx(10.0)
+    assert score([result(0.0)._replace(area_mm2=0.0), whole], "fast").rate_mm2_min == pytest.approx(5.0)
 
 
 def test_policies_are_trained_on_what_controllers_are_compared_on():
@@ -184,7 +192,9 @@ def test_giving_up_costs_as_much_as_the_limit_it_avoids():
 
 def test_a_rate_of_few_cuts_of_which_some_have_no_length_has_no_interval():
     some, many = np.array([1.0, 0.0]), np.append(np.ones(11), 0.0)
-    assert np.isnan([compare.ratio(some, some).low, compare.ratio(some, some).high]).all()
+    for short in (0.0, 1e-9):
+        figure = compare.ratio(some, np.array([1.0, short]))
+        assert np.isnan([figure.low, figure.high]).all()
     assert (compare.ratio(many, many).value, compare.ratio(many, many).low) == (1.0, 1.0)
 
 
@@ -202,7 +212,37 @@ def test_no_loss_in_a_short_length_excludes_little():
     assert figures["breaks_per_m"] == compare.Figure(0.0, 0.0, pytest.approx(-math.log(0.05) / 0.001))
 
 
-def test_bootstrap_intervals_have_the_width_of_theory():
+def coverage(draw, true):
+    """Return how many of 1000 intervals of pairs hold the true ratio, in percent."""
+    rng = np.random.default_rng(3)
+    found = [compare.ratio(*draw(rng)) for _ in range(1000)]
+    return sum(figure.low <= true <= figure.high for figure in found) / 10
+
+
+@pytest.mark.parametrize("machines", [3, 6, 12])
+def test_intervals_of_few_skewed_machines_hold_the_true_ratio(machines):
+    def shares(rng):
+        of_machine = rng.lognormal(0.0, 0.6, machines)
+        return of_machine * rng.lognormal(-0.18, 0.6, machines), of_machine
+
+    def breaks(rng):
+        lengths = rng.uniform(0.5, 1.5, machines)
+        return rng.poisson(3.0 * lengths).astype(float), lengths
+
+    assert 89.0 <= coverage(shares, 1.0) <= 97.0
+    assert 92.0 <= coverage(breaks, 3.0) <= 98.0
+
+
+def test_the_interval_of_a_mean_may_be_below_zero():
+    values = np.array([-1.0, 0.0, 1.0, 2.0])
+    half = 3.1824463 * values.std(ddof=1) / 2
+    assert compare.mean(values) == compare.Figure(0.5, pytest.approx(0.5 - half), pytest.approx(0.5 + half))
+    of_each = compare.ratio(values, np.ones(4))
+    assert (of_each.low, of_each.high) == (pytest.approx(0.5 - half), pytest.approx(0.5 + half))
+    assert math.isnan(compare.mean(values[:1]).low)
+
+
+def test_intervals_of_many_cuts_have_the_width_of_theory():
     values = np.random.default_rng(1).normal(10.0, 2.0, 400)
     figure = compare.ratio(values, np.ones(400))
     assert figure.value == pytest.approx(values.mean())

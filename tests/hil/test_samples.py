@@ -4,6 +4,7 @@ import ctypes
 import math
 import re
 import shutil
+import signal
 import subprocess
 import wave
 from pathlib import Path
@@ -256,6 +257,23 @@ def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, edmsim):
     assert len(log) == pytest.approx(0.6 / 0.0255, abs=2)
     assert "samples in" in said
     assert f"{len((tmp_path / 'out' / 'ratios.csv').read_text().splitlines()) - 1} rows in" in said
+
+
+def test_a_run_that_sigterm_ends_says_what_its_files_hold(tmp_path, monkeypatch, edmsim):
+    whole, frames = Rig.frame, []
+
+    def frame(rig):
+        frames.append(whole(rig))
+        if len(frames) == 20:
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(Rig, "frame", frame)
+    log, samples = tmp_path / "ratios.csv", tmp_path / "gap.parquet"
+    words = ("--samples", str(samples), "--log", str(log), "--seconds", "60", "--log-rate", "50", "--height", "10")
+    status, _, said = edmsim("gap", *words)
+    assert status == 128 + signal.SIGTERM
+    assert f"{pq.read_table(samples).num_rows} samples in {samples}" in said
+    assert f"{len(log.read_text().splitlines()) - 1} rows in {log}" in said
 
 
 def test_a_table_of_delays(tmp_path, monkeypatch, edmsim):

@@ -9,6 +9,7 @@ from edmsim.machine.components import Constant
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import with_overrides
 from edmsim.measure import CircularTest, Positioning, measure_guides, measure_table, table_figure
+from edmsim.plant.axes.geometric_errors import StillTable
 
 
 def test_figures_of_positioning_are_those_of_the_standard():
@@ -47,6 +48,15 @@ def machine_of(backlash_um=0.0):
     machine = Machine.load("worn-table")
     table = machine.base.table.model_copy(update={"backlash_um": Constant(value=backlash_um, source="ours")})
     return machine.model_copy(update={"base": machine.base.model_copy(update={"table": table})})
+
+
+@pytest.mark.parametrize("interval_mm", [6.1321, 0.5, 16.25])
+def test_a_run_stays_within_the_travel(monkeypatch, interval_mm):
+    places, move = [], StillTable.move
+    monkeypatch.setattr(StillTable, "move", lambda table, um: places.append(um) or move(table, um))
+    found = measure_table(Machine.load("worn-table"), interval_mm=interval_mm, runs=2)
+    assert 0.0 <= np.min(places) <= np.max(places) <= 1e3 * found.travel_mm
+    assert found.along["x", "x"].targets_mm[-1] > found.travel_mm - 1.25 * interval_mm
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from edmsim.errors import InputError
-from edmsim.files import locked_file
+from edmsim.files import locked_file, unfinished
 from edmsim.recording.report import PassFigures
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
@@ -62,7 +62,7 @@ def of_rerun_0_99(file):
 
 @pytest.mark.parametrize(("spoil", "reason"), [
     (lambda file: shutil.rmtree(file.parent), "no such folder"), (Path.unlink, r"no cut\.rrd in it"),
-    (lambda file: file.rename(f"{file}.part"), r"no cut\.rrd in it but one half-written"),
+    (lambda file: file.rename(unfinished(file)), r"no cut\.rrd in it but one half-written"),
     *((cut_off(size), "not a whole rerun recording") for size in (0, 3, 100, 20_000, -1)),
     (lambda file: file.write_text("G01 X10\n"), "these 8 bytes are not a whole rerun recording"),
     (written_by("edmsim", '{"format": 99, "version": "9.1"}'),

@@ -104,6 +104,33 @@ def test_a_legend_wider_than_the_map_takes_more_rows(cut):
     assert axes.get_legend().get_window_extent().width <= axes.bbox.width
 
 
+def placed(scene):
+    """Return the points at which a map draws the nominal edge, the errors and the corners."""
+    axes = NotebookFigure().add_subplot()
+    draw_map(axes, scene)
+    (edge,) = (of.get_segments()[0] for of in axes.collections if of.get_label() == "nominal edge")
+    (corners,) = (of.get_xydata() for of in axes.lines if of.get_label() == "corner, its error in µm")
+    count = len(scene.maps[0].points_mm)
+    (errors,) = (of.get_segments() for of in axes.collections if len(of.get_paths()) == count)
+    return np.concatenate([edge, corners, *errors])
+
+
+def test_a_map_of_a_tapered_stepped_part_is_at_one_height(cut):
+    flat = dataclasses.replace(cut.scene, terraces=(Terrace(cut.scene.middle_edges_mm(), 8.0),))
+    (edge,), height_mm, away_mm = flat.maps, flat.middle_mm(), np.array([0.05, -0.025])
+    assert height_mm < 8.0
+    low, high = (edge.nominal_mm + away_mm * (z - height_mm) for z in (0.0, flat.height_mm))
+    lean_mm = away_mm * (flat.height_mm / 2 - height_mm)
+    tapered = dataclasses.replace(
+        flat, walls_mm=((low, high),),
+        maps=(dataclasses.replace(edge, nominal_mm=(low + high) / 2, points_mm=edge.points_mm + lean_mm),),
+        corners=tuple(
+            dataclasses.replace(c, x_mm=c.x_mm + lean_mm[0], y_mm=c.y_mm + lean_mm[1]) for c in flat.corners
+        ),
+    )  # fmt: skip
+    np.testing.assert_allclose(placed(tapered), placed(flat), atol=1e-9)
+
+
 def test_every_start_hole_has_its_rim(cut):
     holes = np.array([(19.0, 19.0, 0.25), (25.0, 19.0, 0.25)])
     axes = NotebookFigure().add_subplot()

@@ -155,7 +155,7 @@ LABELLED_CORNERS = 12  # most corners labelled with their errors, the largest on
 def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
     """Draw part, kerf and profile error in the program's coordinates; `within_mm` is a box on the table."""
     box, (dx, dy) = within_mm or scene.extent_mm(), scene.origin_mm or (0.0, 0.0)
-    scene = scene.in_program()
+    scene = scene.in_program().at_middle()
     factor = scene.error_factor()
     _frame_map(axes, scene, (box[0] - dx, box[1] - dy, box[2] - dx, box[3] - dy))
     _draw_metal(axes, scene)

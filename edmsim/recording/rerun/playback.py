@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
 
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.files import folder_of
+from edmsim.files import PART, folder_of
 from edmsim.recording.report import RECORDING
 
 APPLICATION = "edmsim"  # application id of recordings in the viewer
@@ -43,7 +43,7 @@ def find_recording(directory: str | Path) -> Path:
         raise InputError("no such folder, give the folder that `edmsim cut --out` wrote", directory)
     recording = folder / RECORDING
     if not recording.is_file():
-        half = " but one half-written," if (folder / f"{RECORDING}.part").is_file() else ","
+        half = " but one half-written," if any(folder.glob(f"{RECORDING}.*{PART}")) else ","
         raise InputError(
             f"there is no {RECORDING} in it{half} give the folder of a finished `edmsim cut`", directory
         )
