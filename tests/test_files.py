@@ -41,7 +41,7 @@ def test_a_file_is_replaced_when_all_is_written(tmp_path):
     assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [("report.json", "new")]
 
 
-def test_of_two_that_write_a_file_at_a_time_the_last_one_is_kept(tmp_path):
+def test_of_two_that_write_a_file_at_a_time_the_last_one_stays(tmp_path):
     file = tmp_path / "part.dxf"
     with replacing(file) as first:
         first.write_text("first")
