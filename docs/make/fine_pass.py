@@ -37,7 +37,7 @@ def row(further_um: float) -> Sequence[str]:
     """Cut the edge, and return the figures of its last pass."""
     technology = with_offset(technology_for("tool-steel"), further_um)
     before, last = cut_in_passes(
-        technology, HEIGHT_MM, PASSES, LENGTH_MM, seed=SEED, resolution="fast"
+        technology, HEIGHT_MM, PASSES, LENGTH_MM, seed=SEED, resolution="default"
     ).passes.records[-2:]
     assert before.wall is not None
     assert last.wall is not None

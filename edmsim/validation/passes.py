@@ -61,8 +61,8 @@ class Chain(NamedTuple):
         return math.nan if wall is None else self.records[number - 1].offset_um - wall.mean_um
 
 
-def chain(height_mm: float, passes: int, seed: int, resolution: str = "fast") -> Chain:
-    """Cut a straight edge through all passes of our technology."""
+def chain(height_mm: float, passes: int, seed: int, resolution: str = "default") -> Chain:
+    """Cut a straight edge through all passes of our technology, whose offsets were measured at `default`."""
     simulation = cut_in_passes(
         technology_for("tool-steel"), height_mm, passes, LENGTH_MM, seed=seed, resolution=resolution
     )

@@ -17,8 +17,8 @@ from edmsim.validation.rows import Row
 
 REASONS = {
     ("passes", "feeds-of-fine-passes"):
-        "Shorts slow the finest pass down: it removes its micrometre only at an offset at which it shorts. At an "
-        "offset 4 um greater it keeps its feed, but removes two fifths.",
+        "Shorts slow the finest pass down: its offset is too near to the wall. At one that is 4 um greater it keeps "
+        "its feed and removes the shop's stock, but the search, on a table with steps of 2 um, does not find it.",
     ("passes", "accuracy"):
         "The model lacks the main errors of a shop's cut: machine, temperature and stress in the metal. So it is "
         "more accurate than the trade page, with one pass and two by ten times, with three by two and a half.",
@@ -39,9 +39,6 @@ REASONS = {
     ("rupture", "wire-rupture"):
         "A tenth of the heat, which matches Sato's limit on 80 mm, is too little to break Mori's wire in still water "
         "at 11 A. A slice that boils dry passes from 600 to 700 K within 10 ms, so the tension hardly matters.",
-    ("vibration", "vibration"):
-        "With more flushing there is less debris, so the gap is narrower, and less gas, so more discharges push. The "
-        "terms of a running string are left out as negligible.",
     ("stable rate", "greatest-stable-rate"):
         "A workpiece of 120 mm gathers too little gas to stop the cut earlier than one of 40 mm. A thin wire "
         "survives more power than in shops, which do not run at the limit.",
