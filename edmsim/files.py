@@ -22,6 +22,7 @@ MOST_ARRAY_BYTES = 800_000_000
 """Greatest size of all arrays in a file (ours: four times the checkpoint of a long cut at `fine`)."""
 _UNFINISHED = ".edmsim-new-"
 PART = ".edmsim-part"  # suffix of a file that is being written
+LEFT_S = 3600.0  # time without a change after which such a file was left by a kill (ours: a film writes every second)
 
 
 @contextmanager
@@ -177,13 +178,21 @@ def locked(folder: Path | None, who: str = "edmsim") -> Iterator[None]:
     make_writable(folder)
     try:
         with _held(folder / _LOCK, f"another {who} is at work in this folder", folder):
-            for left in folder.glob(f"*{PART}"):  # by a process that was killed
-                left.unlink(missing_ok=True)
+            _remove_left(folder)
             yield
     finally:
         if made:
             with suppress(OSError):
                 folder.rmdir()
+
+
+def _remove_left(folder: Path) -> None:
+    """Remove half-written files of processes that were killed; one that is being written without the lock stays."""
+    now_s = (folder / _LOCK).stat().st_mtime  # by the clock of the file system
+    for left in folder.glob(f"*{PART}"):
+        with suppress(FileNotFoundError):
+            if now_s - left.stat().st_mtime > LEFT_S:
+                left.unlink()
 
 
 @contextmanager

@@ -1,13 +1,15 @@
 """Output files are replaced completely, or not at all on a full disk; cuts are in `tests/test_nothing_lost.py`."""
 
+import os
 import sys
+import time
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from edmsim.files import locked, replacing, unfinished
+from edmsim.files import LEFT_S, locked, replacing, unfinished
 from edmsim.hil import Sensing
 from edmsim.hil.samples import SampleFile
 from edmsim.plant.kernel.state import OPEN
@@ -53,11 +55,13 @@ def test_of_two_that_write_a_file_at_a_time_the_last_one_stays(tmp_path):
 
 def test_what_a_kill_left_half_written_is_removed_by_the_next_who_locks_the_folder(tmp_path):
     with locked(tmp_path):
-        left, own = unfinished(tmp_path / "checkpoint.npz"), tmp_path / "film.part"
-        left.write_text("half")
-        own.write_text("the user's")
+        left, written, own = unfinished(tmp_path / "a.npz"), unfinished(tmp_path / "a.dxf"), tmp_path / "a.part"
+        for file in (left, written, own):
+            file.write_text("half")
+        os.utime(left, times=(0.0, time.time() - 1.1 * LEFT_S))
     with locked(tmp_path):
         assert not left.exists()
+        assert written.exists()
         assert own.exists()
 
 
