@@ -188,7 +188,9 @@ def locked(folder: Path | None, who: str = "edmsim") -> Iterator[None]:
 
 def _remove_left(folder: Path) -> None:
     """Remove half-written files of processes that were killed; one that is being written without the lock stays."""
-    now_s = (folder / _LOCK).stat().st_mtime  # by the clock of the file system
+    lock_file = folder / _LOCK
+    lock_file.touch()
+    now_s = lock_file.stat().st_mtime  # by the clock of the file system
     for left in folder.glob(f"*{PART}"):
         with suppress(FileNotFoundError):
             if now_s - left.stat().st_mtime > LEFT_S:
