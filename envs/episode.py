@@ -277,7 +277,7 @@ def _scene_slice(sub_envs: SubEnvs, index: int) -> int:
     """Return the slice at half the least height, as `Scene.middle_slice` does: it has metal everywhere."""
     scenario, slices = sub_envs.scenario(index), sub_envs.fleet.plants[index].resolution.slices
     machine = scenario.machine
-    lowest_mm = min([step.height_mm for step in scenario.stock.steps], default=machine.height_mm)
+    lowest_mm = min([region.height_mm for region in scenario.stock.lower_regions], default=machine.height_mm)
     return middle_slice(lowest_mm, machine.height_mm, slices)
 
 

@@ -103,12 +103,12 @@ class HeightStep(GapFeed):
         ends = [*starts[1:], total + _MARGIN_UM]
         x, y = start = self.start_um(machine)
         x += machine.wire_diameter_um / 2 + SLOT_GAP_UM  # the metal's front before the wire at the start of the path
-        steps = [
+        lower = [
             LowerRegion(shapely.box(x + a, y - _MARGIN_UM, x + b, y + _MARGIN_UM), h)
             for a, b, h in zip(starts[1:], ends[1:], heights[1:], strict=True)
         ]
-        drawn |= {"height_jumps": float(len(steps))}
-        stock = started_slot(machine, start, steps=steps)
+        drawn |= {"height_jumps": float(len(lower))}
+        stock = started_slot(machine, start, lower_regions=lower)
         profile = np.array(starts), np.array(heights)
         return Scenario(machine, stock, (self.path_um(machine),), profile, seed, drawn)
 

@@ -224,7 +224,7 @@ class PartCut:
         self.simulation = Simulation(
             setup.machine, path, setup.controller, planner=settings.planner, seed=settings.seed,
             resolution=settings.resolution, mechanics=settings.mechanics, setups=self._setups,
-            steps=settings.workpiece.steps(path, setup.machine.wire_diameter_um), waits=True,
+            lower_regions=settings.workpiece.lower_regions(path, setup.machine.wire_diameter_um), waits=True,
             approach=approach_of(setup.machine, self.table, self.setting),
         )  # fmt: skip
 

@@ -113,7 +113,7 @@ def test_both_walls_lean_and_lie_an_ellipse_apart(finished):
 
 @pytest.mark.parametrize("angle_deg", [0.0, ANGLE_DEG])
 def test_a_rate_counts_the_local_height_along_the_wire(angle_deg):
-    cut = cut_of(angle_deg, steps=(LowerRegion(shapely.box(-1e6, -1e6, 1e6, 1e6), 2.0),))
+    cut = cut_of(angle_deg, lower_regions=(LowerRegion(shapely.box(-1e6, -1e6, 1e6, 1e6), 2.0),))
     ends_um = cut.total_um - 500.0, cut.total_um
     cut.passes.records.append(PassRecord(1, 1, "profile", False, 164.0, 0.0, 60.0, *ends_um))
     (found,) = pass_figures(cut)

@@ -30,7 +30,7 @@ def path_of(*lines):
 
 
 def relief(heights, path, n_slices=10):
-    return Relief(heights.steps(path, 250.0), heights.greatest_mm, n_slices)
+    return Relief(heights.lower_regions(path, 250.0), heights.greatest_mm, n_slices)
 
 
 def height_at(found, *points):
@@ -98,8 +98,8 @@ def test_areas_lie_in_the_programs_coordinates_and_hold_before_lengths():
 
 def test_no_change_of_height_is_no_step():
     path = path_of([(0, 0), (6_000, 0)])
-    assert Heights(10.0, [], []).steps(path, 250.0) == ()
-    assert Heights(10.0, [(2.0, 10.0)], []).steps(path, 250.0) == ()
+    assert Heights(10.0, [], []).lower_regions(path, 250.0) == ()
+    assert Heights(10.0, [(2.0, 10.0)], []).lower_regions(path, 250.0) == ()
 
 
 @pytest.mark.parametrize(("text", "pair"), [("12.5:30", (12.5, 30.0)), ("0:5", (0.0, 5.0)), (" 1 : 2 ", (1.0, 2.0))])

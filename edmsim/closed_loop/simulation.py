@@ -132,7 +132,7 @@ class Simulation:
         seed: int = 0,
         resolution: str = "default",
         max_time_s: float | None = None,  # machine time after which the cut is stopped
-        steps: tuple[height_steps.LowerRegion, ...] = (),  # where the workpiece is lower than the set-up's height
+        lower_regions: tuple[height_steps.LowerRegion, ...] = (),  # where it is lower than the set-up's height
         mechanics: str = "modal",
         recorders: Sequence[Recorder] = (),
         drives: Mapping[str, AxisDrive] | None = None,
@@ -173,7 +173,7 @@ class Simulation:
         self._check_lean()
         self._offset = registry.PathOffset(step_um)
         self.plant = Plant(
-            machine, seed, stock=kerf_field.Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
+            machine, seed, stock=kerf_field.Stock((x0, y0, x1, y1), holes, lower_regions, machine.height_mm),
             position_um=self._motors_um(float(x), float(y), 0.0, self._lead_of(0)), resolution=resolution,
             mechanics=mechanics, drives=drives,
         )

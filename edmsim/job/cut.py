@@ -117,11 +117,11 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
     settings = ready.settings
     for still in standing_still(settings.planner, [ready.controller, *(one.controller for one in ready.setups)]):
         warnings.warn(still, stacklevel=3)  # now, as such a cut may not end, and in the report
-    steps = settings.workpiece.steps(ready.path, ready.machine.wire_diameter_um)
-    recorders = recorders_for(ready.machine, steps, settings.resolution)
+    lower_regions = settings.workpiece.lower_regions(ready.path, ready.machine.wire_diameter_um)
+    recorders = recorders_for(ready.machine, lower_regions, settings.resolution)
     simulation = Simulation(
         ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
-        resolution=settings.resolution, max_time_s=settings.max_time_s, steps=steps,
+        resolution=settings.resolution, max_time_s=settings.max_time_s, lower_regions=lower_regions,
         mechanics=settings.mechanics, recorders=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor, setups=ready.setups, approach=ready.approach,
         axis_faults=[parse_fault(text) for text in settings.axis_faults],

@@ -301,7 +301,7 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
     controller = make_controller(settings.controller)
     if found.setups:
         machine, controller = found.setups[0]
-    settings.workpiece.steps(path, machine.wire_diameter_um)  # refuses heights that the path does not reach
+    settings.workpiece.lower_regions(path, machine.wire_diameter_um)  # refuses heights that the path does not reach
     step_um = machine.base.table.step_um.value
     drives = {
         name: axis.from_text(settings.drive, axis.Screw(step_um, screw["um_per_rad"]))
@@ -369,7 +369,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     found = with_passes(read, settings)
     settings, path = found.settings, found.path
     machine = settings.load_machine()
-    settings.workpiece.steps(path, machine.wire_diameter_um)  # refuses heights that the path does not reach
+    settings.workpiece.lower_regions(path, machine.wire_diameter_um)  # refuses heights that the path does not reach
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.planner, settings.workpiece.lowest_mm)
     trim_feed_um_s, _ = feed_limit(machine, settings.planner)
     between_um = sum(distance for distance, threads in _between_um(path) if not threads)

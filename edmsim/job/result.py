@@ -425,10 +425,10 @@ class Recorders(NamedTuple):
     closeups: Closeups  # windows kept pulse by pulse
 
 
-def recorders_for(machine: Machine, steps: Sequence[height_steps.LowerRegion], resolution: str) -> Recorders:
+def recorders_for(machine: Machine, lower_regions: Sequence[height_steps.LowerRegion], resolution: str) -> Recorders:
     """Return empty recorders for a cut of a workpiece with some height steps."""
     size = resolution_named(resolution)
-    lowest_mm = min([step.height_mm for step in steps], default=machine.height_mm)
+    lowest_mm = min([region.height_mm for region in lower_regions], default=machine.height_mm)
     middle = height_steps.middle_slice(lowest_mm, machine.height_mm, size.slices)
     windows = WindowTable(machine.generator.equalising is not None)
     return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))

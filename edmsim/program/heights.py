@@ -64,13 +64,13 @@ class Heights:
         """The lowest height."""
         return min(self.all_mm)
 
-    def steps(self, path: "CutPath", wire_diameter_um: float) -> tuple[LowerRegion, ...]:
+    def lower_regions(self, path: "CutPath", wire_diameter_um: float) -> tuple[LowerRegion, ...]:
         """Return the regions of one height on the table, none if the height never changes."""
         blank = shapely.box(*path.stock_mm)
-        steps = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + WIRE_MARGIN_MM)]
+        regions = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + WIRE_MARGIN_MM)]
         if self.greatest_mm == self.lowest_mm:
             return ()
-        return tuple(LowerRegion(_in_um(region), height) for region, height in [*steps, (blank, self.height_mm)])
+        return tuple(LowerRegion(_in_um(region), height) for region, height in [*regions, (blank, self.height_mm)])
 
     def _areas(self, path: "CutPath", blank: BaseGeometry) -> list[tuple[BaseGeometry, float]]:
         placed = []

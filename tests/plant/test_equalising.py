@@ -13,7 +13,7 @@ from edmsim.plant.workpiece.kerf_field import Stock
 
 # a straight edge 12 um in front of the wire: sparks, opens and, as it is driven on, contacts
 STOCK = Stock((32_500.0 + 125.0 + 12.0, 0.0, 65_000.0, 65_000.0))
-LOW = Stock(STOCK.rectangle_um, steps=(LowerRegion(shapely.box(*STOCK.rectangle_um), 10.0),), height_mm=30.0)
+LOW = Stock(STOCK.rectangle_um, lower_regions=(LowerRegion(shapely.box(*STOCK.rectangle_um), 10.0),), height_mm=30.0)
 SUPPLY = """
 [equalising]
 voltage_V = { value = 80.0, source = "a test" }

@@ -21,11 +21,11 @@ def stepped_plant(full_mm, lowered, *, resolution="fast", mechanics="modal", see
     """Return a plant in a slot; `lowered` has lengths of cut in mm and the lower heights from there on."""
     machine = edmsim.Machine.load(height_mm=full_mm)
     x, y = machine.base.table.centre_um
-    steps = [
+    lower = [
         LowerRegion(EVERYWHERE if at is None else shapely.box(x + 1e3 * at, 0, 65_000, 65_000), height)
         for at, height in reversed(lowered)  # the first region that matches applies
     ]
-    stock = started_slot(machine, (x, y), steps=steps)
+    stock = started_slot(machine, (x, y), lower_regions=lower)
     return Plant(machine, seed, stock=stock, position_um=(x, y), resolution=resolution, mechanics=mechanics)
 
 

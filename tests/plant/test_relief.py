@@ -163,4 +163,4 @@ def test_a_height_that_does_not_fit_is_refused(height, named):
 
 def test_steps_need_the_height_they_are_steps_of():
     with pytest.raises(InputError, match="height_mm"):
-        Stock(BLANK, steps=(LowerRegion(shapely.box(0, 0, 1, 1), 3.0),))
+        Stock(BLANK, lower_regions=(LowerRegion(shapely.box(0, 0, 1, 1), 3.0),))

@@ -42,21 +42,23 @@ def wavy_wall(
 
 def checked_stock(stock: Stock, machine: Machine) -> Stock:
     """Return a workpiece; raises `InputError` if its greatest height is not the machine's."""
-    if stock.steps and stock.height_mm != machine.height_mm:
+    if stock.lower_regions and stock.height_mm != machine.height_mm:
         raise InputError(f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
                          f"{machine.height_mm:g} mm; they must be the same")
     return stock
 
 
 def started_slot(
-    machine: Machine, end_um: tuple[float, float], *, gap_um: float = SLOT_GAP_UM, steps: Sequence[LowerRegion] = ()
+    machine: Machine, end_um: tuple[float, float], *, gap_um: float = SLOT_GAP_UM,
+    lower_regions: Sequence[LowerRegion] = (),
 ) -> Stock:
     """Return a block with a slot along +x; the wire at its end has a gap of `gap_um` on three sides."""
     x, y = end_um
     radius = machine.wire_diameter_um / 2 + gap_um
     holes = tuple((float(c), y, radius) for c in np.arange(x - SLOT_UM, x + 1.0, _SCALLOP_UM))
     travel = machine.base.table.travel_mm.value * 1e3
-    return Stock((x - SLOT_UM, 0.0, travel, travel), holes, tuple(steps), machine.height_mm if steps else None)
+    height_mm = machine.height_mm if lower_regions else None
+    return Stock((x - SLOT_UM, 0.0, travel, travel), holes, tuple(lower_regions), height_mm)
 
 
 # The wall after a pass: its distance from a line.

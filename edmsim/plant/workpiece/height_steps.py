@@ -26,14 +26,14 @@ class LowerRegion(NamedTuple):
 
 
 class Relief:
-    """Heights of a stepped workpiece, and the regions without metal in each slice; the first of two steps applies."""
+    """Heights of a stepped workpiece, and the regions without metal in each slice; the first of two applies."""
 
-    def __init__(self, steps: Sequence[LowerRegion], height_mm: float, n_slices: int) -> None:
+    def __init__(self, lower_regions: Sequence[LowerRegion], height_mm: float, n_slices: int) -> None:
         self.height_mm, self.slice_mm = height_mm, height_mm / n_slices
         self.n_slices = n_slices
         of_height: dict[float, list[BaseGeometry]] = {}
         claimed: BaseGeometry = shapely.Polygon()
-        for region, height in steps:
+        for region, height in lower_regions:
             if not 0 < height <= height_mm:
                 raise InputError(f"a step {height:g} mm high does not fit a workpiece of up to {height_mm:g} mm")
             if slices_below(height, height_mm, n_slices) == 0:

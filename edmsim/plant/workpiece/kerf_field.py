@@ -30,19 +30,19 @@ class Stock:
     Raises
     ------
     InputError
-        If there are steps without a height to compare them with.
+        If there are lower regions without a height to compare them with.
     """
 
     rectangle_um: tuple[float, float, float, float]
     holes_um: tuple[tuple[float, float, float], ...] = ()
     # regions that are lower than the rest; where they overlap, the first one applies
-    steps: tuple[LowerRegion, ...] = ()
-    # height outside the steps, the greatest: the machine's `height_mm`. Required with steps.
+    lower_regions: tuple[LowerRegion, ...] = ()
+    # height outside the lower regions, the greatest: the machine's `height_mm`. Required with lower regions.
     height_mm: float | None = None
 
     def __post_init__(self) -> None:
-        if self.steps and self.height_mm is None:
-            raise InputError("a workpiece with steps needs height_mm, its greatest height: that of the machine")
+        if self.lower_regions and self.height_mm is None:
+            raise InputError("lower regions need height_mm, the greatest height: that of the machine")
 
     def is_whole(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> bool:
         """Return whether the lowest slice is full of metal between two corners, away from edges and holes."""
@@ -116,7 +116,7 @@ class KerfField:
         extent_um = max(stock.rectangle_um[2:]) if extent_um is None else extent_um
         self.n_slices = n_slices
         self.stock = stock
-        self._even = Stock(stock.rectangle_um, stock.holes_um)  # without its steps
+        self._even = Stock(stock.rectangle_um, stock.holes_um)  # without its lower regions
         self.cell_um = cell_um
         n = int(np.ceil(extent_um / (cell_um * TILE))) + 2
         self.index: NDArray[np.int32] = np.full((n, n), -1, np.int32)
@@ -126,8 +126,8 @@ class KerfField:
         self._stock_beyond = 0.0
         self.gone: tuple[shapely.Polygon, ...] = ()
         self.relief: Relief | None = None
-        if stock.steps and stock.height_mm is not None:
-            self.relief = Relief(stock.steps, stock.height_mm, n_slices)
+        if stock.lower_regions and stock.height_mm is not None:
+            self.relief = Relief(stock.lower_regions, stock.height_mm, n_slices)
         self.levels: NDArray[np.float32] = np.empty((64 if self.relief else 0, TILE, TILE), np.float32)
 
     @property
@@ -308,7 +308,7 @@ _WHOLE_TILE = np.full((TILE, TILE), FULL, np.uint16)
 
 @functools.lru_cache(maxsize=1024)  # many episodes begin with the same stock; a tile takes 2 KB
 def _even_parts(stock: Stock, tx: int, ty: int, cell_um: float) -> NDArray[np.uint16]:
-    """Return the parts of metal in a tile (TILE, TILE) of a stock without steps; read-only."""
+    """Return the parts of metal in a tile (TILE, TILE) of a stock without lower regions; read-only."""
     side = cell_um * TILE
     x0, y0 = tx * side, ty * side
     if stock.is_whole(x0 - cell_um, y0 - cell_um, x0 + side + cell_um, y0 + side + cell_um):
