@@ -46,7 +46,7 @@ def isolated_gap(machine: Machine, gap_um: float, seed: int) -> Plant:
 
 def hole_gap_um(machine: Machine, gap_um: float, seed: int) -> float:
     """Return the gap of a hole whose rays have a mean gap of `gap_um`, with a machine that removes nothing."""
-    # with cells of 4 um single rays differ by up to 1 um, and their mean differs from the hole's gap; it is measured,
+    # with cells of 6 um single rays differ by up to 1 um, and their mean differs from the hole's gap; it is measured,
     # and the hole is made smaller by the difference
     first = in_a_hole(machine, gap_um, seed)
     first.advance()

@@ -122,8 +122,8 @@ def steam_life_us(half_length_um: float, periods: float) -> float:
 def refill_um_s(gap_um: float, life_us: float) -> float:
     """Return the speed at which a wire drives the water through its edges as fast as pockets of steam do."""
     # Pockets of lifetime T over a share a of the front move the edges' water at ``u = pi r a / T``. Its loss resists
-    # the wire by ``loss rho u (r / g) d``, as `film.edge_loss_kg_m2` does at ``2 pi g a / (T sqrt(8 / pi))``. Here a
-    # is 1.
+    # the wire by ``loss rho u (r / g) d``, as `squeeze_film.edge_loss_kg_m2` does at
+    # ``2 pi g a / (T sqrt(8 / pi))``. Here a is 1.
     return 2 * math.pi * gap_um / (max(life_us, 1.0) * 1e-6) / math.sqrt(8 / math.pi)
 
 

@@ -414,7 +414,7 @@ class Scratch(NamedTuple):
     held: Annotated[Array, Stored(2, "modes")]
     sums: Annotated[Array, Stored("slices", 4)]  # see `breakdown.slice_sums`
     contact: Annotated[Array, Stored("slices")]
-    films: Annotated[Array, Stored("slices", 6)]  # see `film.find_films`
+    films: Annotated[Array, Stored("slices", 6)]  # see `squeeze_film.find_films`
     rows: Annotated[Array, Stored(2, MOST_ROWS)]  # see `kerf_field.carve_wall`
 
 
