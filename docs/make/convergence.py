@@ -43,12 +43,13 @@ How much does a result depend on `--resolution`?
 
 - *Default cuts* agree: feed and rate within 2 %, the kerf within 2 um, shorts within 0.7 % of the pulses, corners of
   a punch within 1 um and its profile error within 0.5 um.
-- *Trims* agree within 1 um, with waves of 0.2 to 0.3 um from `default` on and of 0.7 um at `fast`, whose rays are as
-  far apart as a crater is wide. A single pass leaves 3 um more at `fast`, and 1.5 um less at `fine`.
+- *Trims* agree within 1 um, with waves of 0.2 to 0.3 um from `default` on and of 0.6 to 0.7 um at `fast`, whose rays
+  are as far apart as a crater is wide. A single pass leaves 2.6 um more at `fast` than at `default`, and 1.5 um less
+  at `fine`.
 - *Rough cuts* ({rough:g} mm, pulses of 11 mJ every 10 us, a servo that holds {open_share:g} of them open) do not
-  converge: at finer resolutions the wire vibrates more and touches the metal more often. At `fast`, feed and lag are
-  right within a fifteenth and an eighth, and the vibration is seven tenths of that at `fine`. From 25 slices and 24
-  modes on it is 12 to 13 um. So compare rough cuts at one resolution.
+  converge: at finer resolutions the wire vibrates more and touches the metal more often. Feed and lag at `fast`
+  differ from those at `fine` by 7 and 12 %, and the vibration is seven tenths of that at `fine`. From 25 slices and
+  24 modes on it is 12 to 13 um. So compare rough cuts at one resolution.
 
 [Lag](theory/emergence.md#what-takes-the-lag) explains why rough cuts differ, and lists what was tried against it.
 

@@ -485,7 +485,7 @@ def _mixed_notices(blocks: Sequence[Block], pointed: Sequence[Block], extent: fl
         return []
     line = pointed[0].line
     mixed = f"this block has a decimal point, line {whole[0].line} none, and the coordinates span {extent:g}"
-    if extent > LEAST_WHOLE_UM:
+    if extent >= LEAST_WHOLE_UM:
         raise InputError(f"{mixed}: too much in mm; write all with decimal points, or all in whole um", line=line)
     return [f"line {line}: {mixed}: all are read as mm"]
 

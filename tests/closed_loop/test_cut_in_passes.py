@@ -126,7 +126,7 @@ def test_a_trim_that_begins_in_a_short_runs_back_along_the_rough_pass():
 @pytest.mark.slow
 def test_craters_leave_no_waves_on_a_trimmed_wall():
     """Craters that take evenly from their width leave waves of 3 um at `fine` (theory/workpiece.md)."""
-    simulation = started(1.4, "default")
+    simulation = started(1.4, "fine")  # at `default` such waves stay below the limit
     simulation.run()
     for record in simulation.passes.records:
         assert record.wall.places >= 6

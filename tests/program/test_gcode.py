@@ -93,6 +93,7 @@ def test_numbers_with_and_without_a_point_are_reported_where_those_without_may_b
     said = "this block has a decimal point, line 2 none, and the coordinates span 200"
     assert f"line 3: {said}: all are read as mm" in program.notices
     refusal(read, text.replace("200", "2000"), 3, f"{said}0: too much in mm; write all with decimal points")
+    refusal(read, text.replace("200", "500"), 3, f"{said.replace('200', '500')}: too much in mm")  # as without points
     assert not any("decimal" in notice for notice in read(text.replace("200", "20")).notices)
 
 
