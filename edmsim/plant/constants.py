@@ -23,7 +23,7 @@ from edmsim.plant.mechanics.squeeze_film import added_mass_kg_m, edge_loss_kg_m2
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
-RAY_RANGE_UM = 110.0  # range of rays (ours: there the pull is 1 % of that at 20 um)
+RAY_RANGE_UM = 110.0  # range of rays (ours: at a gap of 20 um the pull beyond is 2 %)
 CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 """Distance before a ray's edge from which its wall is searched: least value, and value in ray spacings (ours).
 Between rays the wall may be nearer, the more the wider their spacing, and metal that is not reached would stay in the
