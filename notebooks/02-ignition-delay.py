@@ -113,9 +113,9 @@ for gap, (median, half) in zip(gaps_um, medians, strict=True):
 
 # %% [markdown]
 # From 15 µm up the medians agree with the published ones within the scatter. At 12 µm, where 1 % of the delays are
-# of the short branch, the median is 5 % lower. At 10 µm it is half of the published one, and at 8 µm a seventh. This is a choice between two
-# publications, so the rows of `edmsim validate` that compare with the parabola at 8 and 10 µm fail. Shape and scale
-# of the short branch were not available; they are ours.
+# of the short branch, the median is 5 % lower. At 10 µm it is half of the published one, and at 8 µm a seventh. This
+# is a choice between two publications, so the rows of `edmsim validate` that compare with the parabola at 8 and 10
+# µm fail. Shape and scale of the short branch were not available; they are ours.
 #
 # ## Figure 2-9
 #
@@ -167,8 +167,9 @@ right.set(xlabel="mean gap of the ignitions, µm")
 left.legend();
 
 # %% [markdown]
-# Slow feeds waste open pulses. From some 56 µm/s on every pulse ignites or is short, and a higher feed only drives the
-# wire into the metal. A controller must find a feed below that. Every feed has a few shorts, by particles of debris that bridge the gap.
+# Slow feeds waste open pulses. From some 56 µm/s on every pulse ignites or is short, and a higher feed only drives
+# the wire into the metal. A controller must find a feed below that. Every feed has a few shorts, by particles of
+# debris that bridge the gap.
 #
 # ## The plane of short and open
 #

@@ -359,9 +359,9 @@ for law in part_laws:
     print(f"{law:36} {np.mean(errors):10.1f} ± {spread:<22.1f} {seconds_used:10.0f}")
 
 # %% [markdown]
-# A whole cut gives the same result. `counts` cuts at the machine's greatest feed. A slower law, with more open pulses or
-# at 20 µm/s, leaves less metal in the corners, but costs time everywhere. The shorter on-time before corners alone
-# leaves more.
+# A whole cut gives the same result. `counts` cuts at the machine's greatest feed. A slower law, with more open
+# pulses or at 20 µm/s, leaves less metal in the corners, but costs time everywhere. The shorter on-time before
+# corners alone leaves more.
 #
 # ## Limits
 #

@@ -55,9 +55,10 @@ COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "
 # - `oracle` knows the true gap, and makes every cut with several gaps to choose the best. A real machine cannot
 #   have it; it shows how fast a cut could be.
 #
-# Values in parentheses are 95 % intervals over the cuts. They are wide because the machines differ more
-# than the controllers do. The *share of the oracle's rate* compares machine by machine, and its intervals are much
-# narrower, except that of `fixed`. A *jam* is a short that stayed or a wire driven into the metal; it costs as much as a lost wire.
+# Values in parentheses are 95 % intervals over the cuts. They are wide because the machines differ more than the
+# controllers do. The *share of the oracle's rate* compares machine by machine, and its intervals are much narrower,
+# except that of `fixed`. A *jam* is a short that stayed or a wire driven into the metal; it costs as much as a lost
+# wire.
 
 # %%
 straight = evaluate("edmsim/GapFeed-v2", controllers, machines, resolution=resolution)

@@ -146,8 +146,8 @@ for row in string:
     assert math.isclose(sag_um, float(row["ymax_um_per_N_per_m"]), rel_tol=0.01)
 
 # %% [markdown]
-# - **Ignition.** From 12 µm on the medians lie on the published law. At 8 and 10 µm they are far below it, because two
-#   publications of the same group disagree there. The later one (Esteves et al. 2023,
+# - **Ignition.** From 12 µm on the medians lie on the published law. At 8 and 10 µm they are far below it, because
+#   two publications of the same group disagree there. The later one (Esteves et al. 2023,
 #   [doi:10.3390/jmmp7050177](https://doi.org/10.3390/jmmp7050177)) finds a second, much faster regime below 8 to 10
 #   µm, and the model follows it.
 # - **Crater.** The model's volume is proportional to the energy. The durations of the measured pulses were not

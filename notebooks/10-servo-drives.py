@@ -139,8 +139,8 @@ right.set(xlabel="machine time, ms", ylabel="following error, µm", title="restl
 right.legend(fontsize=8);
 
 # %% [markdown]
-# - With the tuned drive the following error is at most about a step. The drive adds hardly anything to the profile error,
-#   and corners and shorts are those of the steppers.
+# - With the tuned drive the following error is at most about a step. The drive adds hardly anything to the profile
+#   error, and corners and shorts are those of the steppers.
 # - The soft drive also cuts the part, but friction keeps it some 6 µm behind; at the end of the path it comes no
 #   nearer, and the control stops it there. That is its share of the profile error, and its corner errors are 4 µm
 #   larger than those of the steppers. The drive causes no additional shorts.
