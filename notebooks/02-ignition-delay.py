@@ -76,8 +76,8 @@ panels[0].set_ylabel("density, 1/µs")
 panels[0].legend(["claimed mixture", "median", "drawn"]);
 
 # %% [markdown]
-# Across 20 µm the delay is exponential. Across 8 µm nearly all delays are a few µs, because particles and
-# asperities bridge most of the gap. Across 10 µm both kinds occur. The black line is the distribution of the theory
+# Across 20 µm the delay is exponential. Across 8 µm most delays are a few µs, because particles and asperities
+# bridge most of the gap. Across 10 µm fewer are. The black line is the distribution of the theory
 # page (`docs/theory/breakdown.md`), computed without the loop.
 #
 # ## Median against gap
@@ -112,10 +112,10 @@ for gap, (median, half) in zip(gaps_um, medians, strict=True):
     print(f"{gap:7g}   {'' if published is None else f'{published:.1f}':>13}   {median:.1f} ± {half:.1f}")
 
 # %% [markdown]
-# From 15 µm up the medians agree with the published ones within the scatter. At 12 µm, where some delays are of
-# the short branch, the median is 5 % lower; below, they are far under the parabola. This is a choice between two
-# publications, so the rows of `edmsim validate` that compare with the parabola at 8 and 10 µm fail. Shape and scale
-# of the short branch were not available; they are ours.
+# From 15 µm up the medians agree with the published ones within the scatter. At 12 µm, where 1 % of the delays are
+# of the short branch, the median is 5 % lower. At 10 µm it is half of the published one, and at 8 µm a seventh. This
+# is a choice between two publications, so the rows of `edmsim validate` that compare with the parabola at 8 and 10
+# µm fail. Shape and scale of the short branch were not available; they are ours.
 #
 # ## Figure 2-9
 #
@@ -167,8 +167,9 @@ right.set(xlabel="mean gap of the ignitions, µm")
 left.legend();
 
 # %% [markdown]
-# Slow feeds waste open pulses; a feed above some 46 µm/s ends in shorts. A controller must find the feed just
-# below. Every feed has a few shorts, by particles of debris that bridge the gap.
+# Slow feeds waste open pulses. From some 56 µm/s on every pulse ignites or is short, and a higher feed only drives
+# the wire into the metal. A controller must find a feed below that. Every feed has a few shorts, by particles of
+# debris that bridge the gap.
 #
 # ## The plane of short and open
 #

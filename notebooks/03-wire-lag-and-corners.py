@@ -66,7 +66,7 @@ remedies = {  # what is done near the corner: arguments of `cut_corner`
 }
 part_laws = [  # what the die at the end is cut with
     "counts",
-    "counts:open_target_share=0.3",
+    "counts:open_target_share=0.5",
     "fixed:feed_um_s=20",
     "mcu:corner_um=80,corner_share=0.6",
 ]
@@ -137,7 +137,7 @@ right.legend();
 # %% [markdown]
 # The deflection is proportional to 1 / tension, as for a string, if the gap does not change. At this setting push
 # and pull are equally large: at a low feed there are few discharges and the pull is larger, at a high feed the
-# push. (The set-up cuts some 46 µm/s; a higher feed only presses the wire onto the metal.) The formula of the pull
+# push. The formula of the pull
 # is certain. The impulse of a discharge was never measured, and our derivation has a range of a factor of six,
 # enough to change the sign (`docs/theory/emergence.md#lag`). Rough cuts are reported to lag by 10 to 100 µm. So
 # this notebook uses both the default machine and a set-up whose wire certainly lags: the rough cut of 11 mJ per
@@ -311,7 +311,7 @@ for axes, (name, none), set_up in zip(panels, plain.items(), (lagging, machine),
 panels[1].legend([outer, inner], ["part outside of the turn", "part inside"], fontsize=8);
 
 # %% [markdown]
-# - **Overshoot** is best: every µm reduces the error outside by some 0.7 µm, and 10 µm take a second. In the
+# - **Overshoot** is best: every µm reduces the error outside by 0.7 to 0.8 µm, and 10 µm take a second. In the
 #   lagging set-up 30 µm are still too few; in the default set-up 10 µm are enough and 20 µm too much. So you must
 #   know the right length.
 # - **Slower** halves the error, like 5 to 20 µm of overshoot, but takes several times as long: less push, and
@@ -319,7 +319,7 @@ panels[1].legend([outer, inner], ["part outside of the turn", "part inside"], fo
 # - **Less energy at the same feed makes it worse**, and with half the feed it is worse than half the feed alone.
 #   The same metal must be removed per second, by more and weaker sparks across a narrower gap, so the wall stays
 #   nearer to the wire.
-# - None of them affects the punch's corner inside the turn.
+# - None of them changes the punch's corner inside the turn by more than 1 µm.
 #
 # ## A die, with controllers as they are
 #
@@ -359,8 +359,9 @@ for law in part_laws:
     print(f"{law:36} {np.mean(errors):10.1f} ± {spread:<22.1f} {seconds_used:10.0f}")
 
 # %% [markdown]
-# A whole cut gives the same result: a slower law leaves less metal in the corners, but costs time everywhere; the
-# shorter on-time before corners alone leaves more.
+# A whole cut gives the same result. `counts` cuts at the machine's greatest feed. A slower law, with more open
+# pulses or at 20 µm/s, leaves less metal in the corners, but costs time everywhere. The shorter on-time before
+# corners alone leaves more.
 #
 # ## Limits
 #

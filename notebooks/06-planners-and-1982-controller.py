@@ -288,7 +288,7 @@ BYE
 #
 # The thesis ends with two faults unsolved: above a mean current of 1.5 A the sparks disturb the serial lines, and
 # at a low voltage V(t(p)) the generator drops out. `--fault` injects either; how often it occurs is our assumption.
-# In the first session a short draws so much current that characters are lost on the line:
+# In the first session a short draws so much current that characters on the line are changed or lost:
 
 # %%
 terminal("X 100\nWAIT\nTI 30 TP 100\nGEN ON\nWAIT 1\nSTATUS\nSTATUS\nGEN OFF\nPOS\n", "--fault", "serial-noise")

@@ -105,15 +105,15 @@ for axes in panels[1]:
 figure.tight_layout(rect=(0, 0, 1, 0.96))
 
 # %% [markdown]
-# The wire lags: at the feed of the count law the discharges and the jets push it back by more than the field
-# between wire and workpiece pulls it forward (notebook 03 has slower cuts, where it leads). As for a taut string,
-# the lag falls with the tension. From 15 to 40 mm it hardly grows, because field and film grow with the height as
-# well. A wire that lags cuts the corner short; the corner error is the distance of its path from that of the
-# guides.
+# The wire lags: at the feed of the count law the discharges and the jets push it back by more than the field between
+# wire and workpiece pulls it forward (notebook 03 has slower cuts, where it leads). As for a taut string, the lag
+# falls with the tension. From 15 to 40 mm it hardly grows: the higher the workpiece, the smaller is the push of the
+# discharges per mm of height, but the pull of the field per mm stays. A wire that lags cuts the corner short; the
+# corner error is the distance of its path from that of the guides.
 #
 # With more tension the wire also vibrates less, so its kerf is narrower, by some 3 µm. The rate hardly depends on
-# the tension. The bands overlap, because the differences between machines are larger than the effect of the
-# tension. On *one* machine the effect is clear, as the comparison of each machine with itself shows:
+# the tension. The bands of the kerf overlap, because the differences between machines are larger than the effect of
+# the tension. On *one* machine the effect is clear, as the comparison of each machine with itself shows:
 
 # %%
 print(f"tension {tensions[0]:g} to {tensions[-1]:g} N, each machine compared with itself:")

@@ -146,8 +146,8 @@ for row in string:
     assert math.isclose(sag_um, float(row["ymax_um_per_N_per_m"]), rel_tol=0.01)
 
 # %% [markdown]
-# - **Ignition.** From 12 µm on the medians lie on the published law. Below 10 µm they are far below it, because two
-#   publications of the same group disagree there. The later one (Esteves et al. 2023,
+# - **Ignition.** From 12 µm on the medians lie on the published law. At 8 and 10 µm they are far below it, because
+#   two publications of the same group disagree there. The later one (Esteves et al. 2023,
 #   [doi:10.3390/jmmp7050177](https://doi.org/10.3390/jmmp7050177)) finds a second, much faster regime below 8 to 10
 #   µm, and the model follows it.
 # - **Crater.** The model's volume is proportional to the energy. The durations of the measured pulses were not
@@ -168,7 +168,7 @@ Markdown("\n".join(rows_table(failing, base="notebooks")))
 # If you want to use the model, these differences matter most; most are of whole cuts, and on the page "validation":
 #
 # - **The lag.** Real wires lag by 10 to 100 µm. A rough cut of 30 mm does so in the model: by 16 µm in tool steel
-#   and by 28 µm in austenitic steel. In high workpieces the field between wire and metal outweighs the push of the
+#   and by 28 µm in austenitic steel. In high workpieces the pull of field and current outweighs the push of the
 #   discharges, and the wire leads: by 3 µm in the default cut of 80 mm. The push was derived, never measured, and
 #   its range is a factor of six. Trust the changes of the lag with tension and height, but neither its size nor the
 #   corner errors that follow.

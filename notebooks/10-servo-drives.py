@@ -135,17 +135,18 @@ windows = cuts["restless"][0].windows
 for axis, colour in (("x", GREEN), ("y", VERMILION)):
     error_um = column(windows, f"following_{axis}_um")
     right.plot(1e3 * column(windows, "t_s"), error_um, ".-", color=colour, lw=1.0, label=axis)
-right.set(xlabel="machine time, ms", ylabel="following error of the restless drive, µm")
+right.set(xlabel="machine time, ms", ylabel="following error, µm", title="restless")
 right.legend(fontsize=8);
 
 # %% [markdown]
-# - With the tuned drive the following error is about a step. The drive adds hardly anything to the profile error,
-#   and corners and shorts are those of the steppers.
+# - With the tuned drive the following error is at most about a step. The drive adds hardly anything to the profile
+#   error, and corners and shorts are those of the steppers.
 # - The soft drive also cuts the part, but friction keeps it some 6 µm behind; at the end of the path it comes no
 #   nearer, and the control stops it there. That is its share of the profile error, and its corner errors are 4 µm
 #   larger than those of the steppers. The drive causes no additional shorts.
-# - The restless drive oscillates before the first spark and trips at its error limit. With a much wider limit it
-#   would continue to oscillate, and break the wire.
+# - The restless drive oscillates before the first spark and trips at its error limit. With a wider limit the
+#   oscillation would grow until the control stops the cut, because the axis is more than the wire's radius from its
+#   path.
 #
 # ## Limits
 #

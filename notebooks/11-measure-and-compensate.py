@@ -64,8 +64,9 @@ display(table_figure(measured))
 #
 # ## Cutting
 #
-# The next cells are equivalent to these commands: `edmsim measure table --machine worn-table --out tables.toml` and
-# `edmsim cut punch.ngc --machine worn-table --compensation tables.toml`.
+# The next cells are equivalent to these commands: `edmsim measure table --machine worn-table --seed 1 --out
+# tables.toml` and `edmsim cut punch.ngc --machine worn-table --compensation tables.toml --height 3 --resolution fast
+# --seed 1`.
 
 # %%
 folder = Path(tempfile.mkdtemp())

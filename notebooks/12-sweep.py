@@ -69,7 +69,8 @@ print(sweep(specification, folder / "results").made, "runs made")
 # A bar is the share of a result's variance caused by a setting: dark alone (first-order index), pale with its
 # interactions (total index). The result rises with settings of blue bars, and falls with those of red bars. The
 # shares come from a polynomial that is fitted to the points; its error at points left out of the fit is the
-# unexplained share. With 32 points only strong effects are found.
+# unexplained share. With 32 points only strong effects are found: the on-time determines Ra, and on-time and period
+# determine the rate. The polynomial explains nothing of the profile error.
 
 # %%
 found = sensitivities(table)
@@ -89,7 +90,8 @@ fig.tight_layout()
 # ## The best compromises
 #
 # Each point is one set of settings. For a point with a ring no other is better in one of rate, roughness and error
-# without being worse in another: these points form the Pareto front.
+# without being worse in another: these points form the Pareto front. Its fastest points have long on-times and short
+# periods, its smoothest ones short on-times.
 
 # %%
 groups, front = front_of(table)

@@ -66,7 +66,7 @@ folder.cleanup()
 # ## The passes
 #
 # `offset` is the offset of the pass; `as last` is the offset at which its wall would lie on the drawing. `left` is
-# the metal left on the drawing, `taken` the metal that the pass removed.
+# the metal that the pass leaves outside the drawn edge, `taken` the metal that it removed.
 
 # %%
 for number, cut in cuts.items():
@@ -126,7 +126,6 @@ cuts[numbers[-1]].plot("face")
 #
 # A single pass meets the drawing on average, but its edge scatters by some µm. Ra falls with the energy of the
 # pulses; from the fifth pass on the fine generator is used, and Ra falls to a quarter at once. A trim takes
-# 60 to 75 % of the time of the rough pass. The offsets are within 15 % of the shop's: the model's trims leave a wider
-# gap.
-# The error does not fall as on the trade page: the model's single pass is better than a shop's, as its table is
+# 60 to 70 % of the time of the rough pass. The offsets are within 11 % of the shop's: the model's trims leave a wider
+# gap. The error does not fall as on the trade page: the model's single pass is better than a shop's, as its table is
 # perfect and its lag small, and trims also undercut outer corners.

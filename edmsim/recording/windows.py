@@ -125,7 +125,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("x_um", "um", "commanded position of the wire guides on the table, X"),
     Column("y_um", "um", "commanded position of the wire guides on the table, Y"),
     Column("feed_um_s", "um/s", "feed along the path, at the end of the window; negative while retracting"),
-    Column("short", "1", "pulses counted as short circuit: no removal", is_count=True),
+    Column("short", "1", "pulses counted as short circuit: hardly any removal", is_count=True),
     Column("open", "1", "pulses that never ignited: no removal", is_count=True),
     Column("spark", "1", "pulses that ignited after a delay and removed metal", is_count=True),
     Column("arc", "1", "pulses that ignited at once on the previous channel", is_count=True),
