@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
 
 from edmsim import numeric, runs
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
@@ -366,7 +366,7 @@ def remark(share: float, half: float) -> str:
 def _result(search: _Search, error: Floats, undetermined: dict[str, str]) -> Fit:
     covariance = search.covariance()
     assert covariance is not None
-    half = error * stats.t.ppf((1 + compare.CONFIDENCE) / 2, search.comparison.size - len(search.names))
+    half = error * compare.students_t(search.comparison.size - len(search.names))
     constants = []
     both = zip(search.shares.tolist(), half.tolist(), strict=True)
     for (name, before), bounds, (share, off) in zip(search.before.items(), search.ranges, both, strict=True):

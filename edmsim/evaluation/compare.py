@@ -326,15 +326,16 @@ def mean(values: NDArray[np.float64]) -> Figure:
     """Mean with Student's interval."""
     if len(values) < 2:
         return Figure(float(values.mean()) if len(values) else np.nan, np.nan, np.nan)
-    value, half = float(values.mean()), _students(len(values)) * float(values.std(ddof=1)) / math.sqrt(len(values))
+    value, count = float(values.mean()), len(values)
+    half = students_t(count - 1) * float(values.std(ddof=1)) / math.sqrt(count)
     return Figure(value, value - half, value + half)
 
 
-def _students(count: int) -> float:
-    """Return the quantile of Student's t for the interval of `count` values."""
+def students_t(freedom: int) -> float:
+    """Return half the width of Student's interval, in standard errors; of n values the freedom is n - 1."""
     from scipy.special import stdtrit
 
-    return float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2))
+    return float(stdtrit(freedom, 0.5 + CONFIDENCE / 2))
 
 
 def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figure:
@@ -357,7 +358,7 @@ def ratio(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> Figure:
     if count < 2 or lower.max() > MOST_SHARE * whole:
         return Figure(value, np.nan, np.nan)
     without = (upper.sum() - upper) / (whole - lower)
-    half = _students(count) * float(without.std()) * math.sqrt(count - 1)
+    half = students_t(count - 1) * float(without.std()) * math.sqrt(count - 1)
     if value == 0.0 or (upper < 0.0).any():
         return Figure(value, value - half, value + half)
     return Figure(value, value * math.exp(-half / value), value * math.exp(half / value))

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy import sparse, stats
 
 from edmsim.errors import refuse_unknown, refuses_wrong_types
-from edmsim.evaluation.compare import CONFIDENCE, Figure
+from edmsim.evaluation.compare import Figure, students_t
 from edmsim.recording.figures import palette, style
 from edmsim.screen import ScreenTable
 from edmsim.sweep.run import FIGURES
@@ -522,7 +522,7 @@ def _mean(values: Array, machines: Sequence[Any]) -> Figure:
     if size < 2:
         return Figure(mean, math.nan, math.nan)
     error = math.sqrt(size / (size - 1) * float(((sums - mean * counts) ** 2).sum())) / float(counts.sum())
-    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, size - 1)) * error
+    half = students_t(size - 1) * error
     return Figure(mean, mean - half, mean + half)
 
 

@@ -7,9 +7,8 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
-from edmsim.evaluation.compare import CONFIDENCE
+from edmsim.evaluation.compare import students_t
 
 Simulated = float | Sequence[float] | NDArray[np.float64]
 """A number, or values of independent seeds, of which a row shows mean and interval."""
@@ -120,7 +119,7 @@ def mean_and_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[fl
     n = data.size
     if n < 2:
         return float(data.mean()), math.inf
-    return float(data.mean()), float(student.ppf(0.5 + CONFIDENCE / 2, n - 1) * data.std(ddof=1) / math.sqrt(n))
+    return float(data.mean()), float(students_t(n - 1) * data.std(ddof=1) / math.sqrt(n))
 
 
 def _central(simulated: Simulated, uncertainty: float = 0.0) -> tuple[float, float]:
