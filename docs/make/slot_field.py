@@ -125,18 +125,18 @@ class _Step:
         nu[at.in_metal], slope[at.in_metal] = _reluctivity((flux**2).sum(1)[at.in_metal], self.metal)
         return nu, slope, np.einsum("eij,ej->ei", self._stiffness, potential[at.triangles])
 
-    def _residual(self, potential: Floats, before: Floats, current_A: float) -> Floats:
-        nu, _, product = self._elements(potential)
-        left = self._eddies @ (potential - before) - current_A * self.load
+    def _residual(self, growth: Floats, elements: tuple[Floats, Floats, Floats], current_A: float) -> Floats:
+        nu, _, product = elements
+        left = self._eddies @ growth - current_A * self.load
         np.add.at(left, self.at.triangles, nu[:, None] * product)
         return left[self.at.free]
 
     def solve(self, before: Floats, current_A: float) -> Floats:
         """Return the potential at the end of the step, by Newton's method with a search along its direction."""
-        potential, free = before.copy(), self.at.free
+        potential, free, elements = before.copy(), self.at.free, self._elements(before)
+        residual = self._residual(np.zeros_like(before), elements, current_A)
         for _ in range(MOST_ITERATIONS):
-            residual = self._residual(potential, before, current_A)
-            nu, slope, product = self._elements(potential)
+            nu, slope, product = elements
             bend = 2.0 * (slope / self.at.area)[:, None, None] * product[:, :, None] * product[:, None, :]
             matrix = self._matrix(nu[:, None, None] * self._stiffness + bend) + self._eddies
             direction, part = spsolve(matrix[free][:, free].tocsc(), -residual), 1.0
@@ -144,7 +144,9 @@ class _Step:
             while part > 1e-3:
                 trial = potential.copy()
                 trial[free] += part * direction
-                if np.linalg.norm(self._residual(trial, before, current_A)) < (1.0 - 0.1 * part) * size:
+                elements = self._elements(trial)
+                residual = self._residual(trial - before, elements, current_A)
+                if np.linalg.norm(residual) < (1.0 - 0.1 * part) * size:
                     break
                 part /= 2.0
             potential = trial

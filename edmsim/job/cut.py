@@ -8,6 +8,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ParamSpec, Protocol
 
@@ -115,12 +116,14 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
     """Read the program and set up the simulation; return the settings in force, the simulation and its recorders."""
     ready = prepared(program, settings)
     settings = ready.settings
-    for still in standing_still(settings.planner, [ready.controller, *(one.controller for one in ready.setups)]):
-        warnings.warn(still, stacklevel=3)  # now, as such a cut may not end, and in the report
-    lower_regions = settings.workpiece.lower_regions(ready.path, ready.machine.wire_diameter_um)
+    still = standing_still(settings.planner, [ready.controller, *(one.controller for one in ready.setups)])
+    for notice in still:
+        warnings.warn(notice, stacklevel=3)  # now, as such a cut may not end, and in the report
+    path = replace(ready.path, notices=(*ready.path.notices, *still))
+    lower_regions = settings.workpiece.lower_regions(path, ready.machine.wire_diameter_um)
     recorders = recorders_for(ready.machine, lower_regions, settings.resolution)
     simulation = Simulation(
-        ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
+        ready.machine, path, ready.controller, planner=settings.planner, seed=settings.seed,
         resolution=settings.resolution, max_time_s=settings.max_time_s, lower_regions=lower_regions,
         mechanics=settings.mechanics, recorders=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor, setups=ready.setups, approach=ready.approach,

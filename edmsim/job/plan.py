@@ -308,8 +308,6 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
         for name, screw in zip("xy", screws(machine).values(), strict=True)
     }
     compensation = None if tables is None else file.load_tables(file.read_tables(tables), tables)
-    still = standing_still(settings.planner, [controller, *(setup.controller for setup in found.setups)])
-    path = replace(path, notices=(*path.notices, *still))
     return Prepared(
         settings, machine, controller, path, drives, compensation, found.setups, found.approach
     )
